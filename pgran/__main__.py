@@ -1,0 +1,108 @@
+"""Run a case: mpiexec -n 2 python -m pgran -options_file options/biaxial.opts
+
+Solves dense granular flow with the local inertial or the non-local granular
+fluidity rheology, equations (2.2)-(2.9), on a structured Q2-Q1 grid. With
+-ts_type beuler the mesh follows the deformation; with -ts_type pseudo it is
+frozen and the steady rigid-viscous flow is found. A good run ends with the name
+of its result file; a failed one with the reason, and exit code 1.
+"""
+
+import sys
+import traceback
+
+import petsc4py
+
+HELP = ("-help", "--help", "-h")
+
+
+def main(arguments):
+    """Run with the command line ``arguments``; return the exit code. Collective."""
+    petsc4py.init([argument for argument in arguments if argument not in HELP])
+    from petsc4py import PETSc
+
+    from . import options
+    from .evolve import StepError
+
+    comm = PETSc.COMM_WORLD
+    if any(argument in HELP for argument in arguments):
+        PETSc.Sys.Print(f"{__doc__}\nOptions, as <default> [unit]; PETSc's own (-ts_, -snes_, "
+                        f"-ksp_, -pc_, -log_view, ...) hold too:\n\n{options.help_text()}")
+        return 0
+    try:
+        run(options.read(PETSc.Options().getAll()), comm)
+        return 0
+    except (options.OptionError, StepError) as error:
+        if comm.rank == 0:
+            print(f"pgran: error: {error}", file=sys.stderr, flush=True)
+        return 1
+    except BaseException:
+        # One rank alone may have failed: it must not leave the others waiting.
+        traceback.print_exc()
+        sys.stderr.flush()
+        if comm.size > 1:
+            comm.tompi4py().Abort(1)
+        return 1
+
+
+def run(settings, comm):
+    """Solve the case of ``settings`` and write its results. Collective.
+
+    Raises `OptionError` before anything is computed, and `StepError` where the
+    solution stops, after writing the last state that was reached.
+    """
+    from . import evolve, results, weakform
+    from .options import OptionError
+    from .terminal import Terminal
+
+    form = weakform.discretise(settings, comm)
+    case, frozen = form.case, evolve.frozen()
+    if settings.restart and not frozen:
+        raise OptionError(f"-pgran_restart {settings.restart}: allowed with -ts_type pseudo alone")
+    if settings.inertia and frozen:
+        raise OptionError("-pgran_inertia true: steady flow is quasi-static; allowed with "
+                          "-ts_type pseudo is false")
+    state = evolve.steady_start(form) if frozen else evolve.rest(form)
+    targets = [] if frozen else sorted({case.time_at(c) for c in
+                                        (*settings.snapshots, settings.compression)})
+    terminal = Terminal(comm, settings.progress)
+
+    def observe(evolution, report):
+        state = evolution.state
+        compression = case.compression(state.time)
+        writer.record(time=state.time, compression=compression,
+                      top_stress=evolution.plate_stress(), **report)
+        if frozen:
+            residual, done = evolution.steady_residual(), 0.0
+            text = f"residual {residual:.2e}"
+        else:
+            done = compression / settings.compression
+            text = f"{100 * compression:6.3f} of {100 * settings.compression:g} %"
+        terminal.step(evolution.ts.getStepNumber(), done, text, report)
+        if state.time in targets:
+            write_fields()
+
+    def write_fields():
+        velocity, scalars = evolution.fields()
+        time = evolution.state.time
+        writer.snapshot(time, case.compression(time), evolution.state.x, velocity, scalars)
+
+    evolution = evolve.Evolution(form, settings, state, targets, observe)
+    writer = results.Writer(settings.output, form.grid, settings)
+    terminal.opening(settings, form, evolution.ts)
+    if writer.kept:
+        terminal.say(f"  an earlier {writer.path} is kept as {writer.kept}")
+    try:
+        evolution.solve()
+    finally:
+        if evolution.started and (frozen or evolution.state.time not in targets):
+            write_fields()
+    if frozen:
+        residual = evolution.steady_residual()
+        writer.flush(steady_residual=residual)
+        terminal.say(f"  steady: the rigid-viscous equations (2.9)-(2.11) hold to a residual of "
+                     f"{residual:.2e} |sigma_1| d")
+    terminal.closing(writer, evolution)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

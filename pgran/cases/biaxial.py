@@ -1,0 +1,40 @@
+"""Plane-strain compression of a rectangular specimen (section 4, figure 3(a)).
+
+The bottom carries v2 = 0, its left corner also v1 = 0; the top moves down at
+v2 = D2 H exp(D2 t) and slides freely; the lateral faces carry the normal stress
+sigma_1 = -1, which follows the deformed normal; the fluidity has no flux through
+any face. The element to the upper right of the centre has a lower yield value.
+"""
+
+import numpy as np
+
+from ..options import elements_along
+from . import BaseCase
+
+
+class Case(BaseCase):
+    side_stresses = {"left": -1.0, "right": -1.0}
+    plate = "top"
+
+    def __init__(self, settings, material):
+        super().__init__(settings, material)
+        self.shape = tuple(elements_along(name, getattr(settings, name), settings.element_size)
+                           for name in ("width", "height"))
+
+    def coordinates(self, i, j):
+        half = self.settings.element_size / 2.0
+        return np.array([i * half, j * half])
+
+    def prescribed(self, time, i, j):
+        values = np.full((2, i.size), np.nan)
+        values[1, j == 0] = 0.0
+        values[0, (i == 0) & (j == 0)] = 0.0
+        values[1, j == 2 * self.shape[1]] = -0.5 * self.settings.height * np.exp(-0.5 * time)
+        return values
+
+    def start(self, x):
+        return np.array([0.5 * x[0], -0.5 * x[1]])
+
+    def yield_factor(self, i, j):
+        nx, ny = self.shape
+        return np.where((i == nx // 2) & (j == ny // 2), self.settings.imperfection, 1.0)

@@ -1,0 +1,392 @@
+"""SNES and TS: the step, its size, its acceptance, and what is committed after it.
+
+`Evolution` drives `weakform` through time. With ``-ts_type beuler`` the mesh
+moves with the material: a step predicts the mesh at its end to second order
+(Adams-Bashforth) and turns the old stress with the material, solves there, and
+after acceptance moves the mesh by the trapezoidal rule and keeps the new stress.
+With ``-ts_type pseudo`` the mesh is frozen, nothing turns, and the elastic
+element alone makes the pseudo-time, so that the steady state is rigid-viscous.
+"""
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from .element import CORNER_AT_NODES
+from .options import OptionError
+from .results import read_snapshot
+from .weakform import Step
+
+
+class StepError(RuntimeError):
+    """A run cannot go on: no step down to the smallest one converges."""
+
+
+class State:
+    """The last accepted state of a rank: all that a step starts from.
+
+    ``time``; ``x`` (2, n_nodes) mesh; ``local`` (n_local,) unknowns; ``stress``
+    (3, 9, n) deviator; ``rate`` (n_local,), the difference quotient of the last two
+    unknowns, 0 at the start. Units d, |sigma_1|, 1/gdot0.
+    """
+
+    def __init__(self, time, x, local, stress, rate=None):
+        self.time, self.x, self.local, self.stress = time, x, local, stress
+        self.rate = np.zeros_like(local) if rate is None else rate
+
+
+def rest(form):
+    """Return the `State` at rest before loading: no stress deviator, no fluidity."""
+    grid, case = form.grid, form.case
+    x = case.coordinates(grid.nodes.i, grid.nodes.j)
+    local = grid.join(case.start(x), np.zeros(grid.nodes.size),
+                      np.full(grid.corners.size, case.start_pressure()))
+    return State(0.0, x, local, np.zeros((3, 9, grid.n_elements)))
+
+
+def flowing(form, time, x, velocity, fluidity, pressure):
+    """Return a `State` in viscous flow: sigma' = 2 (P/g) D of the given fields.
+
+    ``velocity`` (2, n_nodes), ``fluidity`` (n_nodes,), ``pressure`` (n_corners,).
+    """
+    local = form.grid.join(velocity, fluidity, pressure)
+    free = np.full(form.grid.n_local, np.nan)
+    still = np.zeros((3, 9, form.grid.n_elements))
+    stress = form.stress(local, Step(form, x, still, 0.0, free, free))
+    return State(time, x, local, stress)
+
+
+def steady_start(form):
+    """Return the `State` from which steady flow is sought.
+
+    That of the snapshot which ``-pgran_restart`` names, or homogeneous flow at P0
+    and g0 on the initial geometry. Raises `OptionError` where the snapshot does not fit.
+    """
+    grid, case, settings = form.grid, form.case, form.case.settings
+    nodes, corners, material = grid.nodes, grid.corners, form.material
+    if not settings.restart:
+        x = case.coordinates(nodes.i, nodes.j)
+        return flowing(form, 0.0, x, case.start(x), np.full(nodes.size, material.fluidity),
+                       np.full(corners.size, material.pressure))
+    if any(grid.periodic):
+        raise OptionError(f"-pgran_restart {settings.restart}: not for -pgran_case "
+                          f"{settings.case}")
+    attributes, fields = read_snapshot(settings.restart, settings.restart_snapshot, nodes,
+                                       grid.comm.tompi4py())
+    pressure = fields["pressure"][nodes.index(2 * corners.i, 2 * corners.j)]
+    return flowing(form, float(attributes["time"]), fields["coordinates"], fields["velocity"],
+                   fields["fluidity"], pressure)
+
+
+class Evolution:
+    """Steps a case through time with TS. All methods are collective.
+
+    Parameters: ``form`` `weakform.WeakForm`, ``settings`` `options.Settings`,
+    ``state`` the initial `State`, ``targets`` the times to land on exactly, in
+    increasing order, the last one ending the run (none with a frozen mesh, where
+    TSPSEUDO decides). ``observer(evolution, report)`` is called after each accepted
+    step. Attributes: ``state``, the last accepted one; ``frozen``; ``rejected``, how
+    many steps were repeated.
+    """
+
+    def __init__(self, form, settings, state, targets, observer):
+        self.form, self.case, self.grid = form, form.case, form.grid
+        self.settings, self.state, self.observer = settings, state, observer
+        self.frozen = frozen()
+        self.targets = list(targets)
+        self.comm = self.grid.comm.tompi4py()
+        self.rejected = 0
+        self._dt = self._step = self._committed = self._free_step = None
+        self._attempts = 0
+        self._time = 0.0 if self.frozen else state.time
+        self.ts = self._create_ts()
+
+    def _create_ts(self):
+        form = self.form
+        self.matrix, self._residual_vector = form.create_matrix(), self.grid.create_vector()
+        self.schur = None
+        ts = PETSc.TS().create(comm=self.grid.comm)
+        ts.setDM(field_shell(self.grid))
+        ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
+        ts.setEquationType(PETSc.TS.EquationType.IMPLICIT)
+        ts.setType(PETSc.TS.Type.BEULER)
+        ts.setIFunction(self._ifunction, self._residual_vector)
+        ts.setIJacobian(self._ijacobian, self.matrix, self.matrix)
+        ts.setPostStep(self._post_step)
+        if not self.frozen:
+            ts.getSNES().setInitialGuess(self._predict)
+        ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
+        ts.setMaxSNESFailures(-1)
+        ts.setMaxSteps(10**9)
+        ts.setErrorIfStepFails(False)
+        ts.setTime(self._time)
+        ts.setTimeStep(self.first_step())
+        ts.setFromOptions()
+        self.schur = configure_fieldsplit(ts.getSNES().getKSP(), form)
+        return ts
+
+    @property
+    def started(self):
+        """Whether a step was accepted."""
+        return self._committed is not None
+
+    def first_step(self):
+        """Return the step for the start: a tenth of the time of elastic loading, mu_s P0/G."""
+        material = self.form.material
+        return min(self.settings.step_max,
+                   0.1 * material.law.mu_s * material.pressure / material.G)
+
+    # What a step is solved with
+
+    def velocity(self, local, x):
+        """Return the velocity (2, n_nodes) of material at the nodes, base flow included."""
+        return self.grid.split(local)[0] + self.case.base_gradient @ x
+
+    def prescribed(self, time):
+        """Return the prescribed unknowns (n_local,) at a time, not a number where free."""
+        nodes, corners, case = self.grid.nodes, self.grid.corners, self.case
+        return self.grid.join(case.prescribed(time, nodes.i, nodes.j),
+                              case.prescribed_fluidity(time, nodes.i, nodes.j),
+                              case.prescribed_pressure(time, corners.i, corners.j))
+
+    def step(self, dt):
+        """Return the `Step` of size ``dt``; 0 gives the rigid-viscous equations as they stand."""
+        if dt == self._dt:
+            return self._step
+        state = self.state
+        x, stress, end = state.x, state.stress, state.time
+        if dt > 0.0 and not self.frozen:
+            if dt < self.settings.step_min:
+                raise StepError(f"no step down to -pgran_step_min {self.settings.step_min:g} "
+                                f"converges at time {state.time:.6g}")
+            middle = self.velocity(state.local + 0.5 * dt * state.rate, state.x)
+            x = state.x + dt * middle
+            stress = rotated(stress, dt * self.form.spin(middle, 0.5 * (state.x + x)))
+            end = state.time + dt
+        prescribed = self.prescribed(end)
+        rate = np.zeros_like(prescribed)
+        if end > state.time:
+            rate = (prescribed - self.prescribed(state.time)) / dt
+        theta = 1.0 / (self.form.material.G * dt) if dt > 0.0 else 0.0
+        self._attempts += 1
+        self._dt, self._step = dt, Step(self.form, x, stress, theta, prescribed, rate)
+        return self._step
+
+    def _current_step(self, ts, time):
+        # TS evaluates a step at the time it leads to, and steady residuals at the present one.
+        return self.step(time - ts.getTime())
+
+    def _ifunction(self, ts, time, u, rate, f):
+        with PETSc.Log.Stage("Residual"):
+            grid = self.grid
+            local, local_rate = grid.to_local(u), grid.to_local(rate)
+            f.setArray(self.form.residual(local, local_rate, self._current_step(ts, time)))
+
+    def _ijacobian(self, ts, time, u, rate, shift, jacobian, preconditioner):
+        with PETSc.Log.Stage("Jacobian"):
+            local, step = self.grid.to_local(u), self._current_step(ts, time)
+            self.form.jacobian(local, shift, step, preconditioner)
+            if self.schur is not None:
+                self.form.pressure_mass(local, step, self.schur)
+
+    # Acceptance
+
+    def solve(self):
+        """Run to the end; return the reason TS gives. Raises `StepError` where no step converges."""
+        u = self.grid.create_vector()
+        self.grid.from_local(self.state.local, u)
+        if not self.frozen:
+            self._aim(self.ts.getTimeStep())
+        self.ts.solve(u)
+        reason = self.ts.getConvergedReason()
+        if reason < 0:
+            raise StepError(f"TS stopped with reason {reason} at time {self._time:.6g}")
+        return reason
+
+    def steady_residual(self):
+        """Return the norm of the rigid-viscous residual (2.9)-(2.11) of the present state."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rows = self.form.residual(self.state.local, np.zeros(self.grid.n_local), self.step(0.0))
+        return float(np.sqrt(self.comm.allreduce(rows @ rows)))
+
+    def _predict(self, snes, u):
+        """Start Newton's method from the last two states; from the last alone after a failure."""
+        # TS has put the last state into u; a failed attempt has called `step` before.
+        dt, state = self.ts.getTimeStep(), self.state
+        if self._attempts == 0:
+            self.grid.from_local(state.local + dt * state.rate, u)
+
+    def _post_step(self, ts):
+        state, settings = self.state, self.settings
+        dt = ts.getTime() - self._time
+        local = self.grid.to_local(ts.getSolution())
+        step = self.step(dt)
+        stress = self.form.stress(local, step)
+        if not self.frozen:
+            change = self._change(local, stress)
+            if change > 1.5 * settings.step_change and dt > 2.0 * settings.step_min:
+                self.rejected += 1
+                ts.rollBack()
+                ts.setTimeStep(max(0.5, settings.step_change / change) * dt)
+                return
+        self._committed = local, (local - state.local) / dt, step
+        self.state = self._accepted(stress, dt)
+        self._time, self._dt, self._attempts = ts.getTime(), None, 0
+        snes, I = ts.getSNES(), self.form.inertial_number(local, step)
+        self.observer(self, {
+            "step_size": dt,
+            "newton_iterations": snes.getIterationNumber(),
+            "linear_iterations": snes.getLinearSolveIterations(),
+            "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),
+            "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX)})
+        if not self.frozen:
+            self._choose_step(dt, change)
+
+    def _accepted(self, stress, dt):
+        """The state at the end of the step that was just solved: moved mesh, new stress."""
+        state, (local, rate, step) = self.state, self._committed
+        if self.frozen:
+            return State(state.time, state.x, local, stress)
+        mean = 0.5 * (self.velocity(state.local, state.x) + self.velocity(local, step.x))
+        return State(state.time + dt, state.x + dt * mean, local, stress, rate)
+
+    def _change(self, local, stress):
+        """The change since the last state that limits the step.
+
+        The larger of max|v_n+1 - v_n| / max|v_n+1| and max|sigma'_n+1 - sigma'_n| / (mu_s P0).
+        """
+        state, material, owned = self.state, self.form.material, self.grid.nodes.owned
+        now = self.velocity(local, state.x)[:, owned]
+        before = self.velocity(state.local, state.x)[:, owned]
+        largest = [self.comm.allreduce(np.abs(part).max(), MPI.MAX)
+                   for part in (now - before, now, stress - state.stress)]
+        return max(largest[0] / largest[1], largest[2] / (material.law.mu_s * material.pressure))
+
+    def _choose_step(self, dt, change):
+        settings = self.settings
+        if self.targets and self.state.time >= self.targets[0] * (1.0 - 1e-12):
+            self.targets.pop(0)
+        if not self.targets:
+            self.ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
+            return
+        wanted = dt * min(settings.step_growth, settings.step_change / max(change, 1e-300))
+        if self._free_step is not None:  # the last step was cut to land on a target
+            wanted = max(wanted, self._free_step)
+        self._aim(min(wanted, settings.step_max))
+
+    def _aim(self, wanted):
+        """Set the next step to ``wanted``, or to what lands on the next target without a sliver."""
+        left = self.targets[0] - self.state.time
+        dt = left if wanted >= left * (1.0 - 1e-9) else min(wanted, 0.5 * left)
+        self._free_step = wanted if dt < wanted else None
+        self.ts.setTimeStep(dt)
+
+    # What observers ask for
+
+    def plate_stress(self):
+        """Return the mean normal stress on the plate in the last step, |sigma_1|; nan without one.
+
+        The force on the plate over its width.
+        """
+        side = self.case.plate
+        if side is None:
+            return float("nan")
+        local, rate, step = self._committed
+        force = self.comm.allreduce(self.form.reaction(local, rate, step, side)[1])
+        nodes = np.intersect1d(self.grid.side_nodes(side), self.grid.nodes.owned)
+        x = step.x[0, nodes]
+        right = self.comm.allreduce(x.max(initial=-np.inf), MPI.MAX)
+        return force / (right - self.comm.allreduce(x.min(initial=np.inf), MPI.MIN))
+
+    def fields(self):
+        """Return velocity (2, n_nodes) and {name: (n_nodes,)} of the last state, for results.
+
+        Complete at owned nodes.
+        """
+        grid, form = self.grid, self.form
+        local, _, step = self._committed
+        _, fluidity, corner_pressure = grid.split(local)
+        pressure = np.empty(grid.nodes.size)
+        pressure[grid.element_nodes] = CORNER_AT_NODES @ corner_pressure[grid.element_corners]
+        mu, I = (form.at_nodes(quantity(local, step))
+                 for quantity in (form.stress_ratio, form.inertial_number))
+        if fluidity is None:
+            fluidity = np.sqrt(pressure) / form.material.root_density * I / mu
+        return self.velocity(local, self.state.x), {
+            "fluidity": fluidity, "pressure": pressure, "inertial_number": I, "stress_ratio": mu}
+
+
+def rotated(stress, angle):
+    """Return the deviator (3, ...), 11, 22, 12, turned counterclockwise by ``angle`` (...), rad."""
+    mean, half = (stress[0] + stress[1]) / 2.0, (stress[0] - stress[1]) / 2.0
+    cos, sin = np.cos(2.0 * angle), np.sin(2.0 * angle)
+    turned = half * cos - stress[2] * sin
+    return np.array([mean + turned, mean - turned, half * sin + stress[2] * cos])
+
+
+def frozen():
+    """Whether ``-ts_type`` asks for pseudo-time on a frozen mesh. Raises `OptionError`."""
+    kind = PETSc.Options().getString("ts_type", PETSc.TS.Type.BEULER)
+    if kind not in (PETSc.TS.Type.BEULER, PETSc.TS.Type.PSEUDO):
+        raise OptionError(f"-ts_type {kind}: allowed is beuler | pseudo")
+    return kind == PETSc.TS.Type.PSEUDO
+
+
+def field_shell(grid):
+    """Return a DM that knows the fields velocity, fluidity and pressure by name. Collective.
+
+    PCFIELDSPLIT takes its splits from it: alone by name, or joined by number with
+    ``-pc_fieldsplit_0_fields 0,1``; the prefixes are those of PETSc.
+    """
+    sets = grid.field_sets()
+    return _shell(grid.comm, sets, grid.create_vector())
+
+
+def _shell(comm, sets, vector):
+    names = list(sets)
+
+    def decompose(dm):
+        return names, [sets[name] for name in names], [
+            _shell(comm, {name: _within(sets[name], [sets[name]])}, _vector_of(sets[name]))
+            for name in names]
+
+    def sub_dm(dm, fields):
+        chosen = [sets[names[k]] for k in fields]
+        joined = PETSc.IS().createGeneral(
+            np.sort(np.concatenate([part.indices for part in chosen])), comm=comm)
+        inner = {names[k]: _within(joined, [sets[names[k]]]) for k in fields}
+        return joined, _shell(comm, inner, _vector_of(joined))
+
+    dm = PETSc.DMShell().create(comm=comm)
+    dm.setGlobalVector(vector)
+    dm.setCreateFieldDecomposition(decompose)
+    dm.setCreateSubDM(sub_dm)
+    return dm
+
+
+def _vector_of(numbers):
+    return PETSc.Vec().createMPI((numbers.getLocalSize(), None), comm=numbers.comm)
+
+
+def _within(joined, parts):
+    """Numbers of ``parts`` counted within ``joined``, each rank's own being contiguous there."""
+    start = _vector_of(joined).getOwnershipRange()[0]
+    numbers = start + np.searchsorted(joined.indices,
+                                      np.sort(np.concatenate([part.indices for part in parts])))
+    return PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=joined.comm)
+
+
+def configure_fieldsplit(ksp, form):
+    """Hand PCFIELDSPLIT the matrix for ``-pc_fieldsplit_schur_precondition user``.
+
+    Returns that matrix, the pressure mass over viscosity that `WeakForm.pressure_mass`
+    fills, or None where the options ask for something else. Collective.
+    """
+    pc = ksp.getPC()
+    prefix = pc.getOptionsPrefix() or ""
+    asked = PETSc.Options().getString(f"{prefix}pc_fieldsplit_schur_precondition", "")
+    if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
+        return None
+    schur = form.create_pressure_mass()
+    pc.setFieldSplitSchurPreType(PETSc.PC.FieldSplitSchurPreType.USER, schur)
+    return schur

@@ -1,0 +1,283 @@
+"""The structured grid on DMDA: numbering, fields, this rank's elements, ghost exchange.
+
+Two DMDAs in a DMComposite hold the unknowns: one of the Q2 nodes with the
+velocity and the fluidity of a node side by side, one of the corner nodes with
+the pressure. Every unknown is real (one DMDA for all would carry a dummy
+pressure on three nodes of four, and its rows through every solver), and the
+three unknowns of a node stay together, as block solvers want them.
+
+A rank owns whole elements, and the nodes on their lower and left sides. It also
+evaluates the layer of its neighbours' elements below and to the left of its own,
+so that every row it owns is complete without communication: residual and
+Jacobian need one ghost exchange of the unknowns and nothing else.
+"""
+
+import numpy as np
+from petsc4py import PETSc
+
+from .element import SIDE_NODES
+from .options import OptionError
+
+
+class Lattice:
+    """One DMDA: the Q2 nodes or the corners, as this rank sees them.
+
+    Local points are the owned ones and their ghosts, x1 fastest. ``i`` and ``j``
+    (n,) are their global indices (below zero or beyond the end where periodic),
+    ``owned`` (n_owned,) the local positions of the owned ones in global order.
+    """
+
+    def __init__(self, comm, shape, periodic, parts, per_element, dof):
+        boundary = tuple(PETSc.DM.BoundaryType.PERIODIC if wrap else PETSc.DM.BoundaryType.NONE
+                         for wrap in periodic)
+        ranges = []
+        for part, wrap in zip(parts, periodic):
+            count = per_element * np.asarray(part, dtype=PETSc.IntType)
+            count[-1] += 0 if wrap else 1
+            ranges.append(count)
+        self.per_element = per_element
+        self.shape = tuple(per_element * n + (0 if wrap else 1) for n, wrap in zip(shape, periodic))
+        self.dm = PETSc.DMDA().create(
+            dim=2, dof=dof, sizes=self.shape, proc_sizes=[len(part) for part in parts],
+            boundary_type=boundary, stencil_type=PETSc.DMDA.StencilType.BOX,
+            stencil_width=per_element, ownership_ranges=ranges, comm=comm)
+        (i0, i1), (j0, j1) = self.dm.getGhostRanges()
+        (self.i0, self.i1), (self.j0, self.j1) = self.dm.getRanges()
+        self.ghost_start = i0, j0
+        self.row = i1 - i0
+        j, i = np.mgrid[j0:j1, i0:i1]
+        self.i, self.j = i.ravel(), j.ravel()
+        inside = (self.i0 <= self.i) & (self.i < self.i1) & (self.j0 <= self.j) & (self.j < self.j1)
+        self.owned = np.flatnonzero(inside)
+        self.size = self.i.size
+
+    def index(self, i, j):
+        """Return the local positions of global indices ``i``, ``j``."""
+        return (j - self.ghost_start[1]) * self.row + i - self.ghost_start[0]
+
+
+class Grid:
+    """A structured grid of Q2-Q1 elements over the ranks of ``comm``.
+
+    Parameters: ``shape`` = (nx, ny) elements; ``periodic`` = two bools;
+    ``fluidity``: whether the nodes carry g besides v.
+
+    Unknowns of a rank are numbered locally as one array: node by node v1, v2
+    (and g), ghosts included, then the pressures of its corners. ``element_unknowns``
+    (n_rows, n) holds these numbers for each element, field by field: nine of v1,
+    nine of v2, nine of g, four of P.
+    """
+
+    def __init__(self, comm, shape, periodic=(False, False), fluidity=True):
+        self.comm, self.shape, self.periodic = comm, tuple(shape), tuple(periodic)
+        self.fields = ("v1", "v2", "g") if fluidity else ("v1", "v2")
+        self.dof = len(self.fields)
+        parts = self._partition()
+        self.nodes = Lattice(comm, shape, periodic, parts, 2, self.dof)
+        self.corners = Lattice(comm, shape, periodic, parts, 1, 1)
+        for number, name in enumerate(("velocity_1", "velocity_2", "fluidity")[:self.dof]):
+            self.nodes.dm.setFieldName(number, name)
+        self.corners.dm.setFieldName(0, "pressure")
+        self.dm = PETSc.DMComposite().create(comm=comm)
+        self.dm.addDM(self.nodes.dm)
+        self.dm.addDM(self.corners.dm)
+        self.dm.setUp()
+        self._local = self.nodes.dm.createLocalVec(), self.corners.dm.createLocalVec()
+        self.n_flow = self.nodes.size * self.dof
+        self.n_local = self.n_flow + self.corners.size
+        self.owned = np.concatenate([
+            (self.nodes.owned[:, None] * self.dof + np.arange(self.dof)).ravel(),
+            self.n_flow + self.corners.owned])
+        self.n_owned = self.owned.size
+        flow_map, corner_map = self.dm.getLGMaps()
+        self.global_number = np.concatenate([flow_map.indices, corner_map.indices])
+        self._number_elements()
+
+    def _partition(self):
+        """Let a DMDA of the elements divide them; return the elements of each part, (x1, x2)."""
+        if self.comm.size > self.shape[0] * self.shape[1]:
+            raise OptionError(f"{self.comm.size} ranks are too many for "
+                              f"{self.shape[0]} x {self.shape[1]} elements")
+        cells = PETSc.DMDA().create(dim=2, dof=1, sizes=self.shape, stencil_width=0, comm=self.comm)
+        parts = cells.getOwnershipRanges()
+        parts = [np.array(part) for part in parts]
+        cells.destroy()
+        return parts
+
+    def _number_elements(self):
+        nodes, corners = self.nodes, self.corners
+        first, last = [], []
+        for start, end, wrap, n in zip((corners.i0, corners.j0), (corners.i1, corners.j1),
+                                       self.periodic, self.shape):
+            first.append(start - 1 if wrap else max(start - 1, 0))
+            last.append(end if wrap else min(end, n))
+        j, i = np.mgrid[first[1]:last[1], first[0]:last[0]]
+        self.element_i, self.element_j = i.ravel(), j.ravel()
+        self.n_elements = self.element_i.size
+        #: Elements that no other rank owns.
+        self.element_owned = (self.element_i >= corners.i0) & (self.element_j >= corners.j0)
+        a, b = np.arange(9), np.arange(4)
+        self.element_nodes = nodes.index(2 * self.element_i + a[:, None] % 3,
+                                         2 * self.element_j + a[:, None] // 3)
+        self.element_corners = corners.index(self.element_i + b[:, None] % 2,
+                                             self.element_j + b[:, None] // 2)
+        self.element_unknowns = np.concatenate(
+            [self.element_nodes * self.dof + field for field in range(self.dof)]
+            + [self.n_flow + self.element_corners])
+
+    def side_elements(self, side):
+        """Return the local elements, owned or not, that lie on a side of the domain."""
+        index, value = {"left": (self.element_i, 0), "right": (self.element_i, self.shape[0] - 1),
+                        "bottom": (self.element_j, 0), "top": (self.element_j, self.shape[1] - 1)
+                        }[side]
+        return np.flatnonzero(index == value)
+
+    def side_nodes(self, side):
+        """Return the local nodes (3, n) of the elements of `side_elements`, element on the left."""
+        return self.element_nodes[np.array(SIDE_NODES[side])][:, self.side_elements(side)]
+
+    # Vectors
+
+    def create_vector(self):
+        """Return a global vector of all unknowns. Collective."""
+        return self.dm.createGlobalVec()
+
+    def to_local(self, vector):
+        """Return the local unknowns (n_local,) of a global vector, ghosts included. Collective."""
+        self.dm.scatter(vector, self._local)
+        return np.concatenate([local.array_r for local in self._local])
+
+    def from_local(self, local, vector):
+        """Put the owned ones of the local unknowns (n_local,) into a global vector. Collective."""
+        vector.setArray(local[self.owned])
+
+    def split(self, local):
+        """Return views of the local unknowns: velocity (2, n), fluidity (n,) or None, pressure."""
+        flow = local[:self.n_flow].reshape(-1, self.dof)
+        return flow[:, :2].T, flow[:, 2] if self.dof > 2 else None, local[self.n_flow:]
+
+    def join(self, velocity, fluidity, pressure):
+        """Return the local unknowns (n_local,) of nodal fields; the inverse of `split`."""
+        flow = np.empty((self.nodes.size, self.dof))
+        flow[:, :2] = np.transpose(velocity)
+        if self.dof > 2:
+            flow[:, 2] = fluidity
+        return np.concatenate([flow.ravel(), pressure])
+
+    def field_sets(self):
+        """Return {name: index set} of the fields that solvers may split. Collective."""
+        start = self.create_vector().getOwnershipRange()[0]
+        n_flow = self.nodes.owned.size * self.dof
+        flow = np.arange(start, start + n_flow, dtype=PETSc.IntType).reshape(-1, self.dof)
+        sets = {"velocity": flow[:, :2].ravel()}
+        if self.dof > 2:
+            sets["fluidity"] = flow[:, 2]
+        sets["pressure"] = np.arange(start + n_flow, start + self.n_owned, dtype=PETSc.IntType)
+        return {name: PETSc.IS().createGeneral(numbers, comm=self.comm)
+                for name, numbers in sets.items()}
+
+    def sum_at_nodes(self, values):
+        """Return the sums (n_nodes,) over elements of ``values`` (9, n) at their nodes.
+
+        Complete at owned nodes.
+        """
+        return np.bincount(self.element_nodes.ravel(), values.ravel(), minlength=self.nodes.size)
+
+
+class Sparsity:
+    """Where the entries of element matrices go in the rows that a rank owns.
+
+    The rows and columns are blocks of the lattices of `Grid`: a row of a node or
+    corner reaches the unknowns of all elements around it, so the place of every
+    entry has a closed form and nothing is searched or sorted.
+
+    Parameters: ``rows`` and ``columns`` list pairs (lattice, dof). Local column
+    numbers count through ``columns``; row numbers through the owned ``rows``.
+    """
+
+    def __init__(self, grid, rows, columns):
+        self.grid, self.columns = grid, columns
+        starts, indices, self._blocks = [np.zeros(1, dtype=np.int64)], [], []
+        n_rows = n_entries = 0
+        for lattice, dof in rows:
+            reach = _reach(grid, lattice)
+            number, used, widths = self._column_numbers(lattice, reach)
+            lengths = np.repeat(used.sum(axis=1), dof)
+            indices.append(np.repeat(number[:, None], dof, axis=1)[
+                np.repeat(used[:, None], dof, axis=1)])
+            first = n_entries + np.concatenate([[0], np.cumsum(lengths)])
+            self._blocks.append((lattice, dof, n_rows, first[:-1], reach, widths))
+            starts.append(first[1:])
+            n_rows += lengths.size
+            n_entries = first[-1]
+        self.start = np.concatenate(starts)
+        self.column = np.concatenate(indices)
+        self.size = int(n_entries)
+
+    def _column_numbers(self, lattice, reach):
+        """For each owned point, candidate local columns (n, m), which are used, and block widths."""
+        numbers, used, widths = [], [], []
+        offset = 0
+        owned = lattice.owned
+        for target, dof in self.columns:
+            start, count = _span(reach, target)
+            most = 2 * target.per_element + 1
+            b, a = np.mgrid[:most, :most]
+            a, b = a.ravel(), b.ravel()
+            inside = (a < count[0][:, None]) & (b < count[1][:, None])
+            point = target.index(start[0][:, None] + a, start[1][:, None] + b)
+            number = offset + point[:, :, None] * dof + np.arange(dof)
+            numbers.append(number.reshape(owned.size, -1))
+            used.append(np.repeat(inside, dof, axis=1))
+            widths.append(count[0] * count[1] * dof)
+            offset += target.size * dof
+        return np.hstack(numbers), np.hstack(used), widths
+
+    def places(self, row, row_field, row_points, column, column_field, column_points):
+        """Return where entries of element blocks stand among the values, (n_a, n_b, n).
+
+        ``row`` and ``column`` number the pairs given at the start; ``row_points``
+        (n_a, n) and ``column_points`` (n_b, n) are local points. Rows that another
+        rank owns give ``size``.
+        """
+        lattice, dof, _, first, reach, widths = self._blocks[row]
+        target, target_dof = self.columns[column]
+        start, count = _span(reach, target)
+        place_of = np.full(lattice.size, -1)
+        place_of[lattice.owned] = np.arange(lattice.owned.size)
+        place = place_of[row_points]
+        safe = np.where(place < 0, 0, place)
+        before = sum(widths[:column], np.zeros_like(widths[0]))
+        base = first[safe * dof + row_field] + before[safe] + column_field
+        across = target.i[column_points][None] - start[0][safe][:, None]
+        up = target.j[column_points][None] - start[1][safe][:, None]
+        where = base[:, None] + (up * count[0][safe][:, None] + across) * target_dof
+        return np.where(place[:, None] < 0, self.size, where)
+
+    def diagonal(self, local_rows):
+        """Return where the diagonal of each owned row stands; ``local_rows``: its local column."""
+        row_of = np.repeat(np.arange(self.start.size - 1), np.diff(self.start))
+        hits = np.flatnonzero(self.column == local_rows[row_of])
+        return hits
+
+
+def _reach(grid, lattice):
+    """The elements around each owned point: (first, last) in x1 and in x2."""
+    spans = []
+    for index, n, wrap in zip((lattice.i, lattice.j), grid.shape, grid.periodic):
+        index = index[lattice.owned]
+        if lattice.per_element == 2:
+            first, last = (index - 1) // 2, index // 2
+        else:
+            first, last = index - 1, index
+        if not wrap:
+            first, last = np.maximum(first, 0), np.minimum(last, n - 1)
+        spans.append((first, last))
+    return spans
+
+
+def _span(reach, target):
+    """First index and count, in each direction, of the points of ``target`` in those elements."""
+    start = [target.per_element * first for first, _ in reach]
+    count = [target.per_element * (last - first + 1) + 1 for first, last in reach]
+    return start, count
