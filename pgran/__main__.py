@@ -98,9 +98,11 @@ def run(settings, comm):
             write_fields()
     if frozen:
         residual = evolution.steady_residual()
-        writer.flush(steady_residual=residual)
+        writer.flush(steady_residual=residual, complete=True)
         terminal.say(f"  steady: the rigid-viscous equations (2.9)-(2.11) hold to a residual of "
                      f"{residual:.2e} |sigma_1| d")
+    else:
+        writer.flush(complete=not evolution.targets)
     terminal.closing(writer, evolution)
 
 

@@ -301,6 +301,7 @@ class Evolution:
     def fields(self):
         """Return velocity (2, n_nodes) and {name: (n_nodes,)} of the last state, for results.
 
+        mu is recovered from the Gauss points; I = g mu/s for NGF, I_loc(mu) for LI.
         Complete at owned nodes.
         """
         grid, form = self.grid, self.form
@@ -308,10 +309,13 @@ class Evolution:
         _, fluidity, corner_pressure = grid.split(local)
         pressure = np.empty(grid.nodes.size)
         pressure[grid.element_nodes] = CORNER_AT_NODES @ corner_pressure[grid.element_corners]
-        mu, I = (form.at_nodes(quantity(local, step))
-                 for quantity in (form.stress_ratio, form.inertial_number))
+        mu = form.at_nodes(form.stress_ratio(local, step))
+        s = np.sqrt(pressure) / form.material.root_density
         if fluidity is None:
-            fluidity = np.sqrt(pressure) / form.material.root_density * I / mu
+            I = form.material.law.inertial_number(mu)[0]
+            fluidity = s * I / mu
+        else:
+            I = fluidity * mu / s
         return self.velocity(local, self.state.x), {
             "fluidity": fluidity, "pressure": pressure, "inertial_number": I, "stress_ratio": mu}
 
@@ -346,7 +350,7 @@ def _shell(comm, sets, vector):
     names = list(sets)
 
     def decompose(dm):
-        return names, [sets[name] for name in names], [
+        return list(names), [sets[name] for name in names], [
             _shell(comm, {name: _within(sets[name], [sets[name]])}, _vector_of(sets[name]))
             for name in names]
 
@@ -388,5 +392,5 @@ def configure_fieldsplit(ksp, form):
     if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
         return None
     schur = form.create_pressure_mass()
-    pc.setFieldSplitSchurPreType(PETSc.PC.FieldSplitSchurPreType.USER, schur)
+    pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, schur)
     return schur

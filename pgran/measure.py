@@ -1,0 +1,172 @@
+"""Measure the shear band in a result file: python -m pgran.measure NAME.h5 [-json]
+
+For each snapshot: the angle of the band with the x1 axis, its width (full width at
+half maximum of the inertial number, normal to the band, averaged along it), the
+range of I, and whether the flow is localised.
+
+Every line of nodes that runs up the specimen is a cut through the band: the two
+points where I passes half of the cut's maximum bound it. A straight line through
+the middles gives the angle, its standard error and the departure of the two halves
+of the specimen from each other the uncertainty; the spread over the cuts that of
+the width. Cuts on which the half maximum is not passed on both sides are left out.
+"""
+
+import json
+import sys
+
+import h5py
+import numpy as np
+
+#: Flow is localised where half the maximum of I is exceeded on less than this share of the area ...
+LOCALISED_AREA = 0.5
+#: ... and the calmest tenth of the area has less than this share of the maximum.
+CALM_RATIO = 0.25
+
+
+def node_areas(x):
+    """Return the area (ny, nx) that belongs to each node of a grid ``x`` (ny, nx, 2), d^2."""
+    along, up = x[1:, 1:] - x[:-1, :-1], x[1:, :-1] - x[:-1, 1:]
+    quads = np.abs(along[..., 0] * up[..., 1] - along[..., 1] * up[..., 0]) / 2.0
+    area = np.zeros(x.shape[:2])
+    for rows in (slice(None, -1), slice(1, None)):
+        for columns in (slice(None, -1), slice(1, None)):
+            area[rows, columns] += quads / 4.0
+    return area
+
+
+def half_maximum_cuts(x, I):
+    """Return the points (2, n, 2) where each column passes half its maximum, on both sides.
+
+    ``x`` (ny, nx, 2), ``I`` (ny, nx). Columns that do not, on both sides of the
+    maximum, are left out.
+    """
+    ny, nx = I.shape
+    peak, columns = np.argmax(I, axis=0), np.arange(nx)
+    half = I[peak, columns] / 2.0
+    rows = np.arange(ny)[:, None]
+    below = I < half
+    above_edge = np.where(below & (rows > peak), rows, ny).min(axis=0)
+    below_edge = np.where(below & (rows < peak), rows, -1).max(axis=0)
+    kept = np.flatnonzero((above_edge < ny) & (below_edge >= 0))
+    points = []
+    for outside, inside in ((below_edge, below_edge + 1), (above_edge, above_edge - 1)):
+        outside, inside = outside[kept], inside[kept]
+        share = ((half[kept] - I[outside, kept]) / (I[inside, kept] - I[outside, kept]))[:, None]
+        points.append((1.0 - share) * x[outside, kept] + share * x[inside, kept])
+    return np.array(points)
+
+
+def line_through(points):
+    """Return angle (degrees), its standard error, and the mean (2,) of a straight line.
+
+    Least squares in x2 over ``points`` (n, 2).
+    """
+    mean = points.mean(axis=0)
+    d = points - mean
+    variance = d[:, 0] @ d[:, 0]
+    slope = d[:, 0] @ d[:, 1] / variance
+    rest = d[:, 1] - slope * d[:, 0]
+    error = np.sqrt(rest @ rest / max(len(points) - 2, 1) / variance) / (1.0 + slope**2)
+    return np.degrees(np.arctan(slope)), np.degrees(error), mean
+
+
+def band(x, I):
+    """Return what can be measured of a band, a dictionary.
+
+    ``x`` (ny, nx, 2) coordinates, d; ``I`` (ny, nx) inertial number. Keys: ``angle``
+    and ``angle_error`` (degrees), ``width`` and ``width_error`` (d), ``position`` (x2
+    at the middle of the specimen, d) - None where no band crosses -; ``localised``;
+    ``bands``, how many stretches of the profile normal to the band exceed half its
+    maximum; ``asymmetry``, the relative L2 difference of I from I turned by 180
+    degrees about the centre.
+    """
+    area = node_areas(x)
+    share = area / area.sum()
+    order = np.argsort(I, axis=None)
+    calm = I.ravel()[order][np.searchsorted(np.cumsum(share.ravel()[order]), 0.1)]
+    localised = bool(share[I > I.max() / 2.0].sum() < LOCALISED_AREA
+                     and calm < CALM_RATIO * I.max())
+    turned = I - I[::-1, ::-1]
+    found = {"localised": localised,
+             "asymmetry": float(np.sqrt((share * turned**2).sum() / (share * I**2).sum())),
+             "angle": None, "angle_error": None, "width": None, "width_error": None,
+             "position": None, "bands": 0}
+    cuts = half_maximum_cuts(x, I)
+    count = cuts.shape[1]
+    if count < 8:
+        return found
+    middles = cuts.mean(axis=0)
+    angle, error, mean = line_through(middles)
+    order = np.argsort(middles[:, 0])
+    halves = [line_through(middles[part])[0] for part in np.array_split(order, 2)]
+    normal = np.array([-np.sin(np.radians(angle)), np.cos(np.radians(angle))])
+    widths = np.abs((cuts[1] - cuts[0]) @ normal)
+    centre = (x[..., 0].min() + x[..., 0].max()) / 2.0
+    found.update(angle=float(angle),
+                 angle_error=float(np.hypot(error, (halves[1] - halves[0]) / 2.0)),
+                 width=float(widths.mean()), width_error=float(widths.std()),
+                 position=float(mean[1] + np.tan(np.radians(angle)) * (centre - mean[0])),
+                 bands=_count_bands(x, I, share, normal))
+    return found
+
+
+def _count_bands(x, I, share, normal):
+    """How many stretches of the mean profile along ``normal`` exceed half its maximum."""
+    distance = x @ normal
+    spacing = 2.0 * np.sqrt(np.prod(np.ptp(x, axis=(0, 1))) / I.size)
+    bins = ((distance - distance.min()) / spacing).astype(int).ravel()
+    weight = np.bincount(bins, share.ravel())
+    profile = np.bincount(bins, (share * I).ravel()) / np.maximum(weight, 1e-300)
+    inside = np.concatenate([[False], profile > profile.max() / 2.0])
+    return int(np.count_nonzero(inside[1:] & ~inside[:-1]))
+
+
+def measure(path):
+    """Return a list with a dictionary for each snapshot of a result file.
+
+    `band` with ``compression``, ``inertial_number_min`` and ``inertial_number_max``.
+    Raises OSError or KeyError where the file is not one of pgran's.
+    """
+    found = []
+    with h5py.File(path, "r") as file:
+        for _, group in sorted(file["snapshots"].items()):
+            I = group["inertial_number"][...]
+            found.append({"compression": float(group.attrs["compression"]),
+                          "inertial_number_min": float(I.min()),
+                          "inertial_number_max": float(I.max()),
+                          **band(group["coordinates"][...], I)})
+    return found
+
+
+def main(arguments):
+    """Print the measurements of the files named in ``arguments``; return the exit code."""
+    paths = [argument for argument in arguments if not argument.startswith("-")]
+    unknown = [a for a in arguments if a.startswith("-") and a not in ("-json", "-help")]
+    if unknown or "-help" in arguments or not paths:
+        print(__doc__ if not unknown else f"pgran.measure: error: {unknown[0]}: allowed is -json",
+              file=sys.stderr if unknown else sys.stdout)
+        return 0 if "-help" in arguments else 1
+    try:
+        found = {path: measure(path) for path in paths}
+    except (OSError, KeyError) as problem:
+        print(f"pgran.measure: error: not a result file: {problem}", file=sys.stderr)
+        return 1
+    if "-json" in arguments:
+        print(json.dumps(found[paths[0]] if len(paths) == 1 else found, indent=1))
+        return 0
+    for path, rows in found.items():
+        print(path)
+        for row in rows:
+            line = (f"  {100 * row['compression']:6.2f} %  I {row['inertial_number_min']:.3e} to "
+                    f"{row['inertial_number_max']:.3e}  "
+                    f"{'localised' if row['localised'] else 'not localised'}")
+            if row["localised"] and row["angle"] is not None:
+                line += (f"  {row['bands']} band{'s' if row['bands'] != 1 else ''}  "
+                         f"angle {row['angle']:.1f} +- {row['angle_error']:.1f} degrees  "
+                         f"width {row['width']:.1f} +- {row['width_error']:.1f} d")
+            print(line)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,79 @@
+"""Draw a result file: python -m pgran.plot NAME.h5
+
+Writes, beside the file, one picture for each snapshot, NAME_0000.png ..., of the
+inertial number on the deformed shape; one colour scale holds for all of them.
+"""
+
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyvista
+
+
+def surface(coordinates, fields):
+    """Return a pyvista grid of nodes ``coordinates`` (ny, nx, 2) with fields {name: (ny, nx)}."""
+    ny, nx = coordinates.shape[:2]
+    grid = pyvista.StructuredGrid()
+    grid.points = np.concatenate([coordinates, np.zeros((ny, nx, 1))], axis=2).reshape(-1, 3)
+    grid.dimensions = nx, ny, 1
+    for name, values in fields.items():
+        grid[name] = np.asarray(values).ravel()
+    return grid
+
+
+def draw(path, grid, name, limits, title, bar="I"):
+    """Write a picture of the field ``name`` of a plane grid to ``path``."""
+    plotter = pyvista.Plotter(off_screen=True, window_size=(560, 1000))
+    plotter.set_background("white")
+    plotter.add_mesh(grid, scalars=name, clim=limits, cmap="viridis", lighting=False,
+                     scalar_bar_args={"title": bar, "color": "black", "vertical": True,
+                                      "position_x": 0.80, "position_y": 0.25, "height": 0.5,
+                                      "width": 0.07, "fmt": "%.1e", "n_labels": 5,
+                                      "title_font_size": 22, "label_font_size": 16})
+    plotter.add_text(title, position="upper_edge", font_size=11, color="black")
+    x0, x1, y0, y1, _, _ = grid.bounds
+    plotter.view_xy()
+    plotter.enable_parallel_projection()
+    plotter.camera.focal_point = (x0 + 0.62 * (x1 - x0), (y0 + y1) / 2.0, 0.0)
+    plotter.camera.position = (x0 + 0.62 * (x1 - x0), (y0 + y1) / 2.0, 1.0)
+    plotter.camera.parallel_scale = 0.56 * (y1 - y0)
+    plotter.screenshot(str(path))
+    plotter.close()
+
+
+def pictures(path):
+    """Draw every snapshot of a result file; return the paths of the pictures.
+
+    Raises OSError or KeyError where the file is not one of pgran's.
+    """
+    path, written = Path(path), []
+    with h5py.File(path, "r") as file:
+        snapshots = sorted(file["snapshots"].items())
+        largest = max(group["inertial_number"][...].max() for _, group in snapshots)
+        for name, group in snapshots:
+            target = path.with_name(f"{path.stem}_{name}.png")
+            grid = surface(group["coordinates"][...], {"I": group["inertial_number"][...]})
+            draw(target, grid, "I", (0.0, largest),
+                 f"inertial number at {100 * group.attrs['compression']:.3g} % compression")
+            written.append(target)
+    return written
+
+
+def main(arguments):
+    """Draw the files named in ``arguments``; return the exit code."""
+    if not arguments or arguments[0].startswith("-"):
+        print(__doc__)
+        return 0 if arguments == ["-help"] else 1
+    try:
+        for path in arguments:
+            print("\n".join(str(picture) for picture in pictures(path)))
+    except (OSError, KeyError, ValueError) as problem:
+        print(f"pgran.plot: error: not a result file: {problem}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,102 @@
+"""What the tests share: settings, discretisations, and runs under mpiexec with a time limit."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import petsc4py
+import pytest
+
+petsc4py.init(["pgran-tests"])
+ROOT = Path(__file__).resolve().parent.parent
+LIMIT = 240.0
+
+
+def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
+    """Run ``python arguments`` on ranks, at most ``limit`` seconds; return the finished process."""
+    command = [sys.executable, *map(str, arguments)]
+    if ranks:
+        command = ["mpiexec", "--oversubscribe", "-n", str(ranks), *command]
+    environment = {key: value for key, value in os.environ.items()
+                   if not key.startswith(("OMPI_", "PMIX_", "PRTE_"))}
+    environment.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
+                       OMP_NUM_THREADS="1", PYTHONPATH=str(ROOT))
+    done = subprocess.run(command, cwd=ROOT, env=environment, timeout=limit,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    if check and done.returncode:
+        raise AssertionError(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
+    return done
+
+
+def pgran(ranks, options_file, output, *arguments, **more):
+    """Run ``python -m pgran`` with an options file and options."""
+    return run_ranks(ranks, "-m", "pgran", "-options_file", ROOT / "options" / options_file,
+                     "-pgran_output", output, *arguments, **more)
+
+
+def discretised(**options):
+    """Return the `WeakForm` of options given by their names without prefix. Collective."""
+    from petsc4py import PETSc
+
+    from pgran.options import read
+    from pgran.weakform import discretise
+
+    given = {f"pgran_{name}": str(value) for name, value in options.items()}
+    return discretise(read(given), PETSc.COMM_WORLD)
+
+
+def lattice_noise(lattice, seed):
+    """Random numbers at the local points of a lattice that do not depend on the ranks."""
+    nx, ny = lattice.shape
+    table = np.random.default_rng(seed).standard_normal((ny, nx))
+    return table[lattice.j % ny, lattice.i % nx]
+
+
+def noise(grid, seed):
+    """Random unknowns (n_local,) that do not depend on the ranks."""
+    nodes = [lattice_noise(grid.nodes, seed + k) for k in range(3)]
+    return grid.join(np.array(nodes[:2]), nodes[2], lattice_noise(grid.corners, seed + 3))
+
+
+def prescribed(form, time=0.0):
+    """Return the prescribed unknowns (n_local,) of a form's case."""
+    grid, case = form.grid, form.case
+    nodes, corners = grid.nodes, grid.corners
+    return grid.join(case.prescribed(time, nodes.i, nodes.j),
+                     case.prescribed_fluidity(time, nodes.i, nodes.j),
+                     case.prescribed_pressure(time, corners.i, corners.j))
+
+
+def newton(form, step, local, tolerance=1e-11, most=30):
+    """Solve the form's equations by Newton's method with a direct solver; return the unknowns."""
+    from petsc4py import PETSc
+
+    grid, matrix = form.grid, form.create_matrix()
+    ksp = PETSc.KSP().create(comm=grid.comm)
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+    right, update = grid.create_vector(), grid.create_vector()
+    zero = np.zeros(grid.n_local)
+    for _ in range(most):
+        right.setArray(form.residual(local, zero, step))
+        if right.norm() < tolerance:
+            return local
+        form.jacobian(local, 0.0, step, matrix)
+        ksp.setOperators(matrix)
+        ksp.solve(right, update)
+        local = local - grid.to_local(update)
+    raise AssertionError(f"Newton's method stopped at a residual of {right.norm():.3e}")
+
+
+@pytest.fixture
+def no_options():
+    """Keep options that a test sets out of the others."""
+    from petsc4py import PETSc
+
+    before = PETSc.Options().getAll()
+    yield
+    for name in set(PETSc.Options().getAll()) - set(before):
+        PETSc.Options().delValue(name)
