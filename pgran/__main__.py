@@ -25,11 +25,12 @@ def main(arguments):
 
     comm = PETSc.COMM_WORLD
     if any(argument in HELP for argument in arguments):
-        PETSc.Sys.Print(f"{__doc__}\nOptions, as <default> [unit]; PETSc's own (-ts_, -snes_, "
-                        f"-ksp_, -pc_, -log_view, ...) hold too:\n\n{options.help_text()}")
+        if comm.rank == 0:
+            print(f"{__doc__}\nOptions, as <default> [unit]; PETSc's own (-ts_, -snes_, -ksp_, "
+                  f"-pc_, -log_view, ...) hold too:\n\n{options.help_text()}", flush=True)
         return 0
     try:
-        run(options.read(PETSc.Options().getAll()), comm)
+        run(options.read(given_options()), comm)
         return 0
     except (options.OptionError, StepError) as error:
         if comm.rank == 0:
@@ -42,6 +43,20 @@ def main(arguments):
         if comm.size > 1:
             comm.tompi4py().Abort(1)
         return 1
+
+
+def given_options():
+    """Return all options that PETSc was given, {name: text}, and count pgran's as used."""
+    from petsc4py import PETSc
+
+    from .options import PREFIX
+
+    database = PETSc.Options()
+    given = database.getAll()
+    for name in given:
+        if name.startswith(PREFIX):
+            database.getString(name, "")
+    return given
 
 
 def run(settings, comm):
@@ -82,9 +97,8 @@ def run(settings, comm):
             write_fields()
 
     def write_fields():
-        velocity, scalars = evolution.fields()
         time = evolution.state.time
-        writer.snapshot(time, case.compression(time), evolution.state.x, velocity, scalars)
+        writer.snapshot(time, case.compression(time), evolution.fields())
 
     evolution = evolve.Evolution(form, settings, state, targets, observe)
     writer = results.Writer(settings.output, form.grid, settings)

@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from .element import CORNER_AT_NODES
+from .element import CORNER_AT_NODES, SHAPE
 from .options import OptionError
 from .results import read_snapshot
 from .weakform import Step
@@ -44,18 +44,6 @@ def rest(form):
     return State(0.0, x, local, np.zeros((3, 9, grid.n_elements)))
 
 
-def flowing(form, time, x, velocity, fluidity, pressure):
-    """Return a `State` in viscous flow: sigma' = 2 (P/g) D of the given fields.
-
-    ``velocity`` (2, n_nodes), ``fluidity`` (n_nodes,), ``pressure`` (n_corners,).
-    """
-    local = form.grid.join(velocity, fluidity, pressure)
-    free = np.full(form.grid.n_local, np.nan)
-    still = np.zeros((3, 9, form.grid.n_elements))
-    stress = form.stress(local, Step(form, x, still, 0.0, free, free))
-    return State(time, x, local, stress)
-
-
 def steady_start(form):
     """Return the `State` from which steady flow is sought.
 
@@ -65,17 +53,21 @@ def steady_start(form):
     grid, case, settings = form.grid, form.case, form.case.settings
     nodes, corners, material = grid.nodes, grid.corners, form.material
     if not settings.restart:
-        x = case.coordinates(nodes.i, nodes.j)
-        return flowing(form, 0.0, x, case.start(x), np.full(nodes.size, material.fluidity),
-                       np.full(corners.size, material.pressure))
+        x, time = case.coordinates(nodes.i, nodes.j), 0.0
+        local = grid.join(case.start(x), np.full(nodes.size, material.fluidity),
+                          np.full(corners.size, material.pressure))
+        free, still = np.full(grid.n_local, np.nan), np.zeros((3, 9, grid.n_elements))
+        stress = form.stress(local, Step(form, x, still, 0.0, free, free))
+        return State(time, x, local, stress)
     if any(grid.periodic):
         raise OptionError(f"-pgran_restart {settings.restart}: not for -pgran_case "
                           f"{settings.case}")
     attributes, fields = read_snapshot(settings.restart, settings.restart_snapshot, nodes,
                                        grid.comm.tompi4py())
     pressure = fields["pressure"][nodes.index(2 * corners.i, 2 * corners.j)]
-    return flowing(form, float(attributes["time"]), fields["coordinates"], fields["velocity"],
-                   fields["fluidity"], pressure)
+    local = grid.join(fields["velocity"], fields["fluidity"], pressure)
+    stress = SHAPE @ fields["deviator"][:, grid.element_nodes]
+    return State(float(attributes["time"]), fields["coordinates"], local, stress)
 
 
 class Evolution:
@@ -113,10 +105,10 @@ class Evolution:
         ts.setIFunction(self._ifunction, self._residual_vector)
         ts.setIJacobian(self._ijacobian, self.matrix, self.matrix)
         ts.setPostStep(self._post_step)
-        if not self.frozen:
-            ts.getSNES().setInitialGuess(self._predict)
+        ts.getSNES().setInitialGuess(self._predict)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-        ts.setMaxSNESFailures(-1)
+        ts.setMaxSNESFailures(-1)  # -pgran_step_min ends the repetition of a step
+        ts.setMaxStepRejections(1000)
         ts.setMaxSteps(10**9)
         ts.setErrorIfStepFails(False)
         ts.setTime(self._time)
@@ -131,10 +123,10 @@ class Evolution:
         return self._committed is not None
 
     def first_step(self):
-        """Return the step for the start: a tenth of the time of elastic loading, mu_s P0/G."""
-        material = self.form.material
-        return min(self.settings.step_max,
-                   0.1 * material.law.mu_s * material.pressure / material.G)
+        """Return the first time step, 1/gdot0."""
+        material, settings = self.form.material, self.settings
+        return settings.step_first or min(
+            settings.step_max, 0.1 * material.law.mu_s * material.pressure / material.G)
 
     # What a step is solved with
 
@@ -155,10 +147,10 @@ class Evolution:
             return self._step
         state = self.state
         x, stress, end = state.x, state.stress, state.time
+        if 0.0 < dt < self.settings.step_min:
+            raise StepError(f"no step down to -pgran_step_min {self.settings.step_min:g} "
+                            f"converges at time {state.time:.6g}")
         if dt > 0.0 and not self.frozen:
-            if dt < self.settings.step_min:
-                raise StepError(f"no step down to -pgran_step_min {self.settings.step_min:g} "
-                                f"converges at time {state.time:.6g}")
             middle = self.velocity(state.local + 0.5 * dt * state.rate, state.x)
             x = state.x + dt * middle
             stress = rotated(stress, dt * self.form.spin(middle, 0.5 * (state.x + x)))
@@ -211,14 +203,15 @@ class Evolution:
 
     def _predict(self, snes, u):
         """Start Newton's method from the last two states; from the last alone after a failure."""
-        # TS has put the last state into u; a failed attempt has called `step` before.
-        dt, state = self.ts.getTimeStep(), self.state
-        if self._attempts == 0:
-            self.grid.from_local(state.local + dt * state.rate, u)
+        # A failed attempt has called `step` before, and may have left anything in u.
+        dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
+        self.grid.from_local(self.state.local + dt * self.state.rate, u)
 
     def _post_step(self, ts):
         state, settings = self.state, self.settings
         dt = ts.getTime() - self._time
+        if dt <= 0.0:  # TS gave up, and says why in its reason
+            return
         local = self.grid.to_local(ts.getSolution())
         step = self.step(dt)
         stress = self.form.stress(local, step)
@@ -299,15 +292,15 @@ class Evolution:
         return force / (right - self.comm.allreduce(x.min(initial=np.inf), MPI.MIN))
 
     def fields(self):
-        """Return velocity (2, n_nodes) and {name: (n_nodes,)} of the last state, for results.
+        """Return the nodal fields of the last state, {name: (..., n_nodes)}, as `Writer` takes them.
 
-        mu is recovered from the Gauss points; I = g mu/s for NGF, I_loc(mu) for LI.
+        mu and sigma' are recovered from the Gauss points; I = g mu/s for NGF, I_loc(mu) for LI.
         Complete at owned nodes.
         """
         grid, form = self.grid, self.form
         local, _, step = self._committed
         _, fluidity, corner_pressure = grid.split(local)
-        pressure = np.empty(grid.nodes.size)
+        pressure = np.ones(grid.nodes.size)
         pressure[grid.element_nodes] = CORNER_AT_NODES @ corner_pressure[grid.element_corners]
         mu = form.at_nodes(form.stress_ratio(local, step))
         s = np.sqrt(pressure) / form.material.root_density
@@ -316,8 +309,10 @@ class Evolution:
             fluidity = s * I / mu
         else:
             I = fluidity * mu / s
-        return self.velocity(local, self.state.x), {
-            "fluidity": fluidity, "pressure": pressure, "inertial_number": I, "stress_ratio": mu}
+        return {"coordinates": self.state.x, "velocity": self.velocity(local, self.state.x),
+                "fluidity": fluidity, "pressure": pressure, "inertial_number": I,
+                "stress_ratio": mu,
+                "deviator": np.array([form.at_nodes(part) for part in self.state.stress])}
 
 
 def rotated(stress, angle):

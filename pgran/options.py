@@ -142,6 +142,8 @@ TABLE = (
               "largest value and of the stress deviator over mu_s P0; a step that exceeds it by "
               "half is repeated smaller",
               "max|v_n+1 - v_n|/max|v_n+1|, max|sigma'_n+1 - sigma'_n|/(mu_s P0)"),
+    _positive("step_first", None, "1/gdot0", "first time step; a tenth of the time of elastic "
+              "loading unless given", "mu_s P0/(10 G)"),
     _positive("step_max", 0.002, "1/gdot0", "largest time step"),
     _positive("step_min", 1e-8, "1/gdot0", "smallest time step; the run stops with an error below "
               "it"),

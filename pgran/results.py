@@ -21,7 +21,6 @@ from .rheology import material_of
 HISTORY = ("time", "compression", "top_stress", "step_size", "newton_iterations",
            "linear_iterations", "inertial_number_min", "inertial_number_max")
 INTEGERS = ("newton_iterations", "linear_iterations")
-SCALARS = ("fluidity", "pressure", "inertial_number", "stress_ratio")
 
 
 class Writer:
@@ -86,8 +85,9 @@ class Writer:
         for name in HISTORY:
             self._history[name].append(values[name])
 
-    def snapshot(self, time, compression, coordinates, velocity, scalars):
-        """Write the fields at the local nodes: (2, n), (2, n) and {name: (n,)}; and the history."""
+    def snapshot(self, time, compression, fields):
+        """Write fields at the local nodes, {name: (..., n)}, 'coordinates' among them; and history.
+        """
         lattice = self.grid.nodes
         shape = lattice.shape[::-1]
         block = (slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1))
@@ -96,7 +96,7 @@ class Writer:
         with self._open("a") as file:
             group = file["snapshots"].create_group(name)
             group.attrs["time"], group.attrs["compression"] = time, compression
-            for key, value in {"coordinates": coordinates, "velocity": velocity, **scalars}.items():
+            for key, value in fields.items():
                 components = value.shape[:-1]
                 data = group.create_dataset(key, shape + components, dtype="f8")
                 local = value[..., lattice.owned].T.reshape(inner + components)
@@ -107,7 +107,9 @@ class Writer:
                     data[block] = local
             self._write_history(file)
         self.snapshots.append((name, time))
-        self.root_only(lambda: write_xdmf(self.path, shape, self.snapshots, scalars))
+        self.root_only(lambda: write_xdmf(
+            self.path, shape, self.snapshots,
+            {key: value.shape[:-1] for key, value in fields.items() if key != "coordinates"}))
 
     def flush(self, **attributes):
         """Write the history, and root attributes."""
@@ -152,31 +154,30 @@ def scales(settings):
     return found
 
 
-def write_xdmf(path, shape, snapshots, scalars):
+def write_xdmf(path, shape, snapshots, fields):
     """Write NAME.xdmf, a time series of the snapshots, whole or not at all.
 
-    ``shape`` = (ny, nx) nodes, ``snapshots`` pairs (group name, time), ``scalars``
-    the names of the scalar fields.
+    ``shape`` = (ny, nx) nodes, ``snapshots`` pairs (group name, time), ``fields``
+    {name: shape of its components}.
     """
     path = Path(path)
-    rows, columns = shape
-    lines = ['<?xml version="1.0"?>', '<Xdmf Version="2.0">', "<Domain>",
-             '<Grid Name="pgran" GridType="Collection" CollectionType="Temporal">']
+    size = " ".join(map(str, shape))
 
-    def item(name, group, *components):
+    def item(name, group, components):
         dimensions = " ".join(map(str, (*shape, *components)))
         target = quoteattr(f"{path.name}:/snapshots/{group}/{name}")[1:-1]
         return (f'<DataItem Dimensions="{dimensions}" NumberType="Float" Precision="8" '
                 f'Format="HDF">{target}</DataItem>')
 
+    lines = ['<?xml version="1.0"?>', '<Xdmf Version="2.0">', "<Domain>",
+             '<Grid Name="pgran" GridType="Collection" CollectionType="Temporal">']
     for group, time in snapshots:
         lines += [f'<Grid Name="{group}" GridType="Uniform"><Time Value="{time:.16g}"/>',
-                  f'<Topology TopologyType="2DSMesh" Dimensions="{rows} {columns}"/>',
-                  f'<Geometry GeometryType="XY">{item("coordinates", group, 2)}</Geometry>',
-                  '<Attribute Name="velocity" AttributeType="Matrix" Center="Node">'
-                  f'{item("velocity", group, 2)}</Attribute>']
-        lines += [f'<Attribute Name="{name}" AttributeType="Scalar" Center="Node">'
-                  f'{item(name, group)}</Attribute>' for name in scalars]
+                  f'<Topology TopologyType="2DSMesh" Dimensions="{size}"/>',
+                  f'<Geometry GeometryType="XY">{item("coordinates", group, (2,))}</Geometry>']
+        lines += [f'<Attribute Name="{name}" AttributeType="{"Matrix" if components else "Scalar"}"'
+                  f' Center="Node">{item(name, group, components)}</Attribute>'
+                  for name, components in fields.items()]
         lines.append("</Grid>")
     lines += ["</Grid>", "</Domain>", "</Xdmf>"]
     draft = path.with_suffix(".xdmf.tmp")

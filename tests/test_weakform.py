@@ -40,11 +40,11 @@ def state(form, regime):
 @pytest.mark.parametrize("model", ["ngf", "li"])
 @pytest.mark.parametrize("case", ["biaxial", "periodic"])
 def test_jacobian_is_the_derivative_of_the_residual(case, model, law, regime, theta, inertia):
-    if theta == 0.0 and regime == "loading":
-        pytest.skip("without elasticity there is no state of rest")
+    if regime == "loading" and (theta == 0.0 or case == "periodic"):
+        pytest.skip("only an elastic specimen can be at rest")
     form = discretised(case=case, model=model, law=law, inertia=inertia, inertial_number=0.1,
                        width=4, height=6, element_size=1, cell_elements=4, body_force="0.2,-0.1",
-                       mu_2=3.0)
+                       mu_2=6.0)
     grid = form.grid
     x, local = state(form, regime)
     stress = np.full((3, 9, grid.n_elements), 0.02)

@@ -1,0 +1,82 @@
+"""Every option is documented, and what is not in the table stops the run before it starts."""
+
+import pytest
+from conftest import ROOT, run_ranks
+
+from pgran import options
+
+
+@pytest.mark.parametrize("option", options.TABLE, ids=lambda option: option.name)
+def test_every_option_is_documented(option):
+    assert option.kind in ("float", "int", "bool", "str", "floats")
+    assert len(option.meaning) > 10
+    assert option.unit or option.kind != "float" or option.default is not None
+    if option.default is not None and option.kind != "str":
+        assert option.parse(options._plain(option.default)) == option.default
+    assert f"-pgran_{option.name} " in options.help_text()
+
+
+def test_names_that_others_rely_on_are_there():
+    names = {option.name for option in options.TABLE}
+    assert names >= {"case", "model", "law", "mu_s", "mu_2", "b", "A", "phi", "inertial_number",
+                     "width", "height", "element_size", "shear_modulus", "inertia",
+                     "imperfection", "compression", "snapshots", "output", "restart"}
+
+
+@pytest.mark.parametrize("given, message", [
+    ({"pgran_heigth": "3"}, "-pgran_heigth 3: no such option; did you mean -pgran_height"),
+    ({"pgran_mu_s": "0"}, "-pgran_mu_s 0: allowed is a number > 0"),
+    ({"pgran_mu_s": "nan"}, "-pgran_mu_s nan: allowed"),
+    ({"pgran_mu_s": "abc"}, "-pgran_mu_s abc: allowed"),
+    ({"pgran_phi": "1.5"}, "-pgran_phi 1.5: allowed is a number > 0 and <= 1"),
+    ({"pgran_law": "newton"}, "-pgran_law newton: allowed is bingham | jop"),
+    ({"pgran_inertia": "maybe"}, "-pgran_inertia maybe: allowed is true | false"),
+    ({"pgran_cell_elements": "2.5"}, "-pgran_cell_elements 2.5: allowed is an integer >= 1"),
+    ({"pgran_body_force": "1"}, "-pgran_body_force 1: allowed is 2 numbers"),
+    ({"pgran_snapshots": "0.05,0.2"}, "none may lie beyond -pgran_compression 0.1"),
+    ({"pgran_law": "jop", "pgran_mu_2": "0.3"}, "-pgran_mu_2 0.3: must exceed"),
+])
+def test_bad_input_names_the_option_its_value_and_what_is_allowed(given, message):
+    with pytest.raises(options.OptionError) as caught:
+        options.read(given)
+    assert message in str(caught.value)
+
+
+def test_resolved_options_read_back_the_same():
+    settings = options.read({"pgran_law": "jop", "pgran_snapshots": "0.01,0.05",
+                             "pgran_inertia": "1", "pgran_width": "20"})
+    assert settings.height == 60.0
+    pairs = [line[1:].split(" ", 1) for line in settings.text().splitlines()]
+    assert options.read(dict(pairs)) == settings
+
+
+def test_options_module_needs_neither_petsc_nor_mpi():
+    code = ("import sys, pgran.options, pgran.rheology; "
+            "sys.exit(any(m in sys.modules for m in ('petsc4py', 'mpi4py')))")
+    run_ranks(0, "-c", code)
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (["-pgran_elment_size", "2"], "-pgran_elment_size 2: no such option"),
+    (["-pgran_element_size", "7"], "-pgran_width 40: must be a whole multiple"),
+    (["-pgran_model", "ig"], "-pgran_model ig: known to the linear theory alone"),
+    (["-pgran_restart", "x.h5"], "-pgran_restart x.h5: allowed with -ts_type pseudo"),
+    (["-ts_type", "euler"], "-ts_type euler: allowed is beuler | pseudo"),
+    (["-pgran_output", "/proc/none/x.h5"], "-pgran_output /proc/none/x.h5: "),
+])
+def test_bad_runs_stop_on_all_ranks_with_one_message(arguments, message, tmp_path):
+    done = run_ranks(2, "-m", "pgran", "-pgran_output", tmp_path / "x.h5", *arguments,
+                     limit=60, check=False)
+    assert done.returncode == 1
+    assert done.stderr.count("pgran: error: ") == 1
+    assert message in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_prints_the_table():
+    text = run_ranks(0, "-m", "pgran", "-help", limit=60).stdout
+    assert options.help_text() in text
+
+
+def test_options_table_of_the_readme_is_current():
+    assert options.markdown_table() in (ROOT / "README.md").read_text()
