@@ -89,7 +89,7 @@ class Evolution:
         self.comm = self.grid.comm.tompi4py()
         self.rejected = 0
         self._dt = self._step = self._committed = self._free_step = None
-        self._attempts = 0
+        self._attempts, self._starting = 0, False
         self._time = 0.0 if self.frozen else state.time
         self.ts = self._create_ts()
 
@@ -165,8 +165,11 @@ class Evolution:
         return self._step
 
     def _current_step(self, ts, time):
-        # TS evaluates a step at the time it leads to, and steady residuals at the present one.
-        return self.step(time - ts.getTime())
+        # TS evaluates a step at the time it leads to, and steady residuals at the present one;
+        # but the TSPSEUDO of PETSc 3.26 starts each step's Newton method at the present one too.
+        dt = ts.getTimeStep() if self._starting else time - ts.getTime()
+        self._starting = False
+        return self.step(dt)
 
     def _ifunction(self, ts, time, u, rate, f):
         with PETSc.Log.Stage("Residual"):
@@ -189,7 +192,12 @@ class Evolution:
         self.grid.from_local(self.state.local, u)
         if not self.frozen:
             self._aim(self.ts.getTimeStep())
-        self.ts.solve(u)
+        try:
+            self.ts.solve(u)
+        except PETSc.Error as error:  # petsc4py 3.26 wraps what a callback raises, 3.18 does not
+            if isinstance(error.__cause__, StepError):
+                raise error.__cause__ from None
+            raise
         reason = self.ts.getConvergedReason()
         if reason < 0:
             raise StepError(f"TS stopped with reason {reason} at time {self._time:.6g}")
@@ -206,6 +214,7 @@ class Evolution:
         # A failed attempt has called `step` before, and may have left anything in u.
         dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
         self.grid.from_local(self.state.local + dt * self.state.rate, u)
+        self._starting = True
 
     def _post_step(self, ts):
         state, settings = self.state, self.settings
@@ -387,5 +396,6 @@ def configure_fieldsplit(ksp, form):
     if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
         return None
     schur = form.create_pressure_mass()
-    pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, schur)
+    kinds = getattr(PETSc.PC, "FieldSplitSchurPreType", None) or PETSc.PC.SchurPreType
+    pc.setFieldSplitSchurPreType(kinds.USER, schur)  # petsc4py 3.18 has the shorter name
     return schur
