@@ -4,12 +4,18 @@ Writes, beside the file, one picture for each snapshot, NAME_0000.png ..., of th
 inertial number on the deformed shape; one colour scale holds for all of them.
 """
 
+import ctypes.util
+import os
 import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
-import pyvista
+
+if not os.environ.get("DISPLAY") and ctypes.util.find_library("OSMesa"):
+    # Without a screen VTK tries X first and complains: name the renderer that needs none.
+    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
+import pyvista  # noqa: E402
 
 
 def surface(coordinates, fields):

@@ -1,0 +1,246 @@
+"""Whole runs: the band, the same answer on any ranks and solver, and what a run promises."""
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT, pgran, run_ranks
+
+from pgran import measure
+from pgran.options import read
+from pgran.results import HISTORY
+
+SMALL = "-pgran_element_size", 4
+FIELDS = {"coordinates": 2, "velocity": 2, "deviator": 3, "fluidity": 0, "pressure": 0,
+          "inertial_number": 0, "stress_ratio": 0}
+
+
+def snapshot(path, number=-1):
+    """Return the attributes and fields of a snapshot."""
+    with h5py.File(path) as file:
+        group = file["snapshots"][sorted(file["snapshots"])[number]]
+        return dict(group.attrs), {name: data[...] for name, data in group.items()}
+
+
+def differences(path, other):
+    """Largest difference of each field of the last snapshots over its largest value."""
+    (_, a), (_, b) = snapshot(path), snapshot(other)
+    return {name: np.abs(a[name] - b[name]).max() / np.abs(a[name]).max() for name in a}
+
+
+@pytest.fixture(scope="module")
+def biaxial(tmp_path_factory):
+    """The main job, as the README runs it."""
+    path = tmp_path_factory.mktemp("biaxial") / "biaxial.h5"
+    done = pgran(2, "biaxial.opts", path)
+    return path, done.stdout
+
+
+def test_main_job_forms_one_band_at_51_degrees(biaxial):
+    rows = measure.measure(biaxial[0])
+    assert [round(row["compression"], 9) for row in rows] == [0.05, 0.10]
+    for row in rows:
+        assert row["localised"] and row["bands"] == 1
+        assert abs(abs(row["angle"]) - 51.0) < 4.0
+        assert row["inertial_number_max"] > 2.5e-3
+
+
+def test_result_file_has_the_layout_of_the_readme(biaxial):
+    path, _ = biaxial
+    with h5py.File(path) as file:
+        settings = read(dict(line[1:].split(" ", 1)
+                             for line in file.attrs["options"].splitlines()))
+        assert settings.inertial_number == 0.001 and settings.height == 120.0
+        assert file.attrs["pgran_version"] and file.attrs["petsc_version"]
+        assert bool(file.attrs["complete"])
+        assert list(file["snapshots"]) == ["0000", "0001"]
+        for group in file["snapshots"].values():
+            assert {name: data.shape for name, data in group.items()} == {
+                name: (121, 41) + ((size,) if size else ()) for name, size in FIELDS.items()}
+            assert all(np.isfinite(data[...]).all() for data in group.values())
+        history = {name: data[...] for name, data in file["history"].items()}
+    assert set(history) == set(HISTORY)
+    assert len({len(values) for values in history.values()}) == 1
+    np.testing.assert_allclose(np.cumsum(history["step_size"]), history["time"], rtol=1e-12)
+    np.testing.assert_allclose(history["compression"], 1 - np.exp(-history["time"] / 2), rtol=1e-9)
+    assert (history["newton_iterations"] >= 1).all()
+    # The plate carries sigma_2 = -(1 + mu) P before the band, less once the specimen has one.
+    assert history["top_stress"].min() == pytest.approx(-(1 + 0.3828) / (1 - 0.3828), rel=0.01)
+
+
+def test_mesh_follows_the_plate(biaxial):
+    for number, compression in ((0, 0.05), (1, 0.10)):
+        attributes, fields = snapshot(biaxial[0], number)
+        assert attributes["compression"] == pytest.approx(compression, abs=1e-9)
+        top = fields["coordinates"][-1, :, 1]
+        np.testing.assert_allclose(top, 120.0 * (1.0 - compression), rtol=1e-6)
+        np.testing.assert_allclose(fields["velocity"][-1, :, 1], -top / 2.0, rtol=1e-6)
+
+
+def test_xdmf_opens_as_a_time_series(biaxial):
+    import pyvista
+
+    reader = pyvista.get_reader(biaxial[0].with_suffix(".xdmf"))
+    times = [-2.0 * np.log(0.95), -2.0 * np.log(0.90)]
+    np.testing.assert_allclose(reader.time_values, times)
+    reader.set_active_time_value(reader.time_values[1])
+    grid = reader.read()
+    grid = grid[0] if isinstance(grid, pyvista.MultiBlock) else grid
+    _, fields = snapshot(biaxial[0])
+    np.testing.assert_allclose(grid.points[:, :2], fields["coordinates"].reshape(-1, 2))
+    np.testing.assert_allclose(grid.point_data["inertial_number"],
+                               fields["inertial_number"].ravel())
+
+
+def test_pictures_are_drawn(biaxial):
+    run_ranks(0, "-m", "pgran.plot", biaxial[0])
+    pictures = sorted(biaxial[0].parent.glob("biaxial_*.png"))
+    assert [picture.name for picture in pictures] == ["biaxial_0000.png", "biaxial_0001.png"]
+    assert all(picture.stat().st_size > 5000 for picture in pictures)
+
+
+def test_terminal_says_what_is_solved_and_does_not_flood(biaxial):
+    text = biaxial[1]
+    assert "16164 unknowns, 20 x 60 Q2-Q1 elements, 2 ranks" in text
+    assert f"results: {biaxial[0]}" in text
+    assert len(text.splitlines()) < 70
+
+
+def test_fields_do_not_depend_on_the_ranks(tmp_path):
+    paths = [tmp_path / f"{ranks}.h5" for ranks in (1, 2, 3)]
+    for ranks, path in zip((1, 2, 3), paths):
+        pgran(ranks, "direct.opts", path, "-ts_max_steps", 16)
+    for path in paths[1:]:
+        assert max(differences(paths[0], path).values()) < 1e-8
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_weak_form_tests_pass_on_ranks(ranks):
+    run_ranks(ranks, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_weakform.py")
+
+
+def test_fieldsplit_and_direct_reach_the_same_answer(tmp_path):
+    for name, limit, more in (
+            ("step", 1e-6, ("-ts_max_steps", 11)),  # past yield, step by step the same
+            ("band", 2e-3, ("-pgran_compression", 0.02, "-pgran_snapshots", 0.02))):
+        paths = [tmp_path / f"{solver}-{name}.h5" for solver in ("biaxial", "direct")]
+        for path in paths:
+            pgran(2, f"{path.stem.split('-')[0]}.opts", path, *SMALL, *more)
+        found = differences(*paths)
+        assert max(found[key] for key in ("velocity", "inertial_number")) < limit, found
+    assert snapshot(paths[0])[1]["inertial_number"].max() > 1.5e-3  # a band is there to agree on
+
+
+def test_inertial_flow_stays_homogeneous(tmp_path):
+    path = tmp_path / "inertial.h5"
+    pgran(2, "direct.opts", path, *SMALL, "-pgran_inertial_number", 0.03)
+    row = measure.measure(path)[-1]
+    assert not row["localised"]
+    assert 0.98 * 0.03 < row["inertial_number_min"] <= row["inertial_number_max"] < 1.02 * 0.03
+
+
+@pytest.mark.parametrize("restart", [False, True])
+def test_steady_flow_satisfies_the_rigid_viscous_equations(biaxial, tmp_path, restart):
+    path = tmp_path / "steady.h5"
+    more = ("-pgran_restart", biaxial[0], "-pgran_restart_snapshot", 0) if restart else ()
+    done = pgran(2, "steady.opts", path, *more)
+    with h5py.File(path) as file:
+        assert file.attrs["steady_residual"] < 1e-8
+    assert "rigid-viscous equations (2.9)-(2.11) hold" in done.stdout
+    row, = measure.measure(path)
+    assert row["localised"] == restart
+    if restart:
+        assert row["angle"] == pytest.approx(measure.measure(biaxial[0])[0]["angle"], abs=1.0)
+        np.testing.assert_array_equal(snapshot(path)[1]["coordinates"],
+                                      snapshot(biaxial[0], 0)[1]["coordinates"])
+
+
+def test_steady_flow_is_refused_a_snapshot_of_another_grid(biaxial, tmp_path):
+    done = pgran(2, "steady.opts", tmp_path / "x.h5", *SMALL, "-pgran_restart", biaxial[0],
+                 check=False)
+    assert done.returncode == 1
+    assert "its 41 x 121 nodes are not the 21 x 61 of this grid" in done.stderr
+
+
+def test_mesh_motion_is_second_order_in_time(tmp_path):
+    errors, end = [], 1 - np.exp(-0.06)
+    for step in (0.02, 0.01, 0.005):
+        path = tmp_path / f"{step}.h5"
+        pgran(0, "direct.opts", path, "-pgran_case", "periodic", "-pgran_cell_elements", 2,
+              "-pgran_imperfection", 1, "-pgran_inertial_number", 0.1, "-pgran_step_first", step,
+              "-pgran_step_max", step, "-pgran_step_change", 10, "-pgran_compression", end,
+              "-pgran_snapshots", end)
+        _, fields = snapshot(path)
+        start = np.array(np.meshgrid(10.0 * np.arange(4), 30.0 * np.arange(4)))
+        exact = np.moveaxis(start, 0, -1) * np.exp([0.06, -0.06])
+        errors.append(np.abs(fields["coordinates"] - exact).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > 1.9).all(), (errors, orders)
+
+
+def test_failed_steps_are_repeated_smaller_and_leave_no_trace(tmp_path):
+    path = tmp_path / "cramped.h5"
+    done = pgran(0, "direct.opts", path, *SMALL, "-pgran_compression", 0.005, "-pgran_snapshots",
+                 0.005, "-snes_max_it", 4)
+    assert int(done.stdout.split(" repeated smaller")[0].rsplit("(", 1)[1]) > 5
+    with h5py.File(path) as file:
+        assert file["history/newton_iterations"][...].max() <= 4
+        np.testing.assert_allclose(np.cumsum(file["history/step_size"]), file["history/time"],
+                                   rtol=1e-12)
+    # A mesh that had moved with a failed step too would be lower.
+    top = snapshot(path)[1]["coordinates"][-1, :, 1]
+    np.testing.assert_allclose(top, 120.0 * (1.0 - 0.005), rtol=1e-8)
+
+
+def test_a_run_that_cannot_go_on_says_so_and_keeps_what_it_has(tmp_path):
+    path = tmp_path / "stuck.h5"
+    done = pgran(2, "direct.opts", path, *SMALL, "-snes_max_it", 1, "-pgran_step_min", 1e-5,
+                 check=False, limit=60)
+    assert done.returncode == 1
+    assert "pgran: error: no step down to -pgran_step_min 1e-05 converges" in done.stderr
+    with h5py.File(path) as file:
+        assert len(file["history/time"]) > 3 and len(file["snapshots"]) == 1
+        assert not file.attrs.get("complete", False)
+
+
+def test_earlier_results_are_kept(tmp_path):
+    path = tmp_path / "twice.h5"
+    for steps in (1, 2):
+        pgran(0, "direct.opts", path, *SMALL, "-ts_max_steps", steps)
+    for name, steps in (("twice.1.h5", 1), ("twice.h5", 2)):
+        with h5py.File(tmp_path / name) as file:
+            assert len(file["history/time"]) == steps
+    assert "twice.1.h5:/snapshots" in (tmp_path / "twice.1.xdmf").read_text()
+
+
+def test_scales_are_written_for_si_units(tmp_path):
+    path = tmp_path / "si.h5"
+    pgran(0, "direct.opts", path, *SMALL, "-ts_max_steps", 1, "-pgran_grain_diameter", 1e-3,
+          "-pgran_grain_density", 2450, "-pgran_lateral_stress", 1e4)
+    with h5py.File(path) as file:
+        assert file.attrs["scale_length"] == 1e-3 and file.attrs["scale_stress"] == 1e4
+        P0 = 1e4 / (1.0 - 0.3819 - 0.9377e-3)
+        rate = 0.001 * np.sqrt(P0 / (1e-6 * 2450))  # gdot0 = I0 sqrt(P0/(d^2 rho_s))
+        assert file.attrs["scale_time"] == pytest.approx(1.0 / rate)
+
+
+@pytest.mark.parametrize("model", ["ngf", "li"])
+@pytest.mark.parametrize("law", ["bingham", "jop"])
+@pytest.mark.parametrize("inertia", ["true", "false"])
+def test_periodic_cell_keeps_homogeneous_flow(tmp_path, model, law, inertia):
+    path = tmp_path / "cell.h5"
+    pgran(2, "direct.opts", path, "-pgran_case", "periodic", "-pgran_model", model, "-pgran_law",
+          law, "-pgran_inertia", inertia, "-pgran_width", 40, "-pgran_height", 40,
+          "-pgran_cell_elements", 4, "-pgran_imperfection", 1, "-pgran_inertial_number", 0.03,
+          "-pgran_compression", 0.01, "-pgran_snapshots", 0.01)
+    _, fields = snapshot(path)
+    np.testing.assert_allclose(fields["inertial_number"], 0.03, rtol=0.02)
+    x = fields["coordinates"]
+    rate = fields["velocity"] / np.where(x == 0.0, 1.0, x)
+    np.testing.assert_allclose(rate[x[..., 0] > 1, 0], 0.5, rtol=1e-6)
+
+
+def test_biaxial_options_are_those_of_the_paper():
+    settings = read({})
+    assert (settings.mu_s, settings.b, settings.A) == (0.3819, 0.9377, 0.48)
+    assert (settings.width, settings.height, settings.imperfection) == (40.0, 120.0, 0.99)
+    assert (ROOT / "options" / "biaxial.opts").exists()
