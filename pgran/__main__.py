@@ -17,27 +17,41 @@ HELP = ("-help", "--help", "-h")
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
-    petsc4py.init([argument for argument in arguments if argument not in HELP])
+    if any(argument in HELP for argument in arguments):
+        from . import options
+
+        text = (f"{__doc__}\nOptions, as <default> [unit]; PETSc's own (-ts_, -snes_, -ksp_, -pc_, "
+                f"-log_view, ...) hold too:\n\n{options.help_text()}")
+        return start(arguments, lambda settings, comm: comm.rank or print(text, flush=True))
+    return start(arguments, run)
+
+
+def start(arguments, action, slepc=False):
+    """Start PETSc, do ``action(settings, comm)`` and return the exit code. Collective.
+
+    An `OptionError` or a `StepError`, which all ranks raise together, becomes one
+    message of rank 0. Anything else may have struck one rank alone: it ends them all.
+    """
+    given = [argument for argument in arguments if argument not in HELP]
+    if slepc:
+        import slepc4py
+        slepc4py.init(given)
+    else:
+        petsc4py.init(given)
     from petsc4py import PETSc
 
     from . import options
     from .evolve import StepError
 
     comm = PETSc.COMM_WORLD
-    if any(argument in HELP for argument in arguments):
-        if comm.rank == 0:
-            print(f"{__doc__}\nOptions, as <default> [unit]; PETSc's own (-ts_, -snes_, -ksp_, "
-                  f"-pc_, -log_view, ...) hold too:\n\n{options.help_text()}", flush=True)
-        return 0
     try:
-        run(options.read(given_options()), comm)
+        action(options.read(given_options()), comm)
         return 0
     except (options.OptionError, StepError) as error:
         if comm.rank == 0:
             print(f"pgran: error: {error}", file=sys.stderr, flush=True)
         return 1
     except BaseException:
-        # One rank alone may have failed: it must not leave the others waiting.
         traceback.print_exc()
         sys.stderr.flush()
         if comm.size > 1:

@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from .element import CORNER_AT_NODES, SHAPE
+from .element import SHAPE
 from .options import OptionError
 from .results import read_snapshot
 from .weakform import Step
@@ -33,6 +33,14 @@ class State:
     def __init__(self, time, x, local, stress, rate=None):
         self.time, self.x, self.local, self.stress = time, x, local, stress
         self.rate = np.zeros_like(local) if rate is None else rate
+
+
+def prescribed(form, time):
+    """Return the prescribed unknowns (n_local,) at a time, not a number where free."""
+    nodes, corners, case = form.grid.nodes, form.grid.corners, form.case
+    return form.grid.join(case.prescribed(time, nodes.i, nodes.j),
+                          case.prescribed_fluidity(time, nodes.i, nodes.j),
+                          case.prescribed_pressure(time, corners.i, corners.j))
 
 
 def rest(form):
@@ -134,13 +142,6 @@ class Evolution:
         """Return the velocity (2, n_nodes) of material at the nodes, base flow included."""
         return self.grid.split(local)[0] + self.case.base_gradient @ x
 
-    def prescribed(self, time):
-        """Return the prescribed unknowns (n_local,) at a time, not a number where free."""
-        nodes, corners, case = self.grid.nodes, self.grid.corners, self.case
-        return self.grid.join(case.prescribed(time, nodes.i, nodes.j),
-                              case.prescribed_fluidity(time, nodes.i, nodes.j),
-                              case.prescribed_pressure(time, corners.i, corners.j))
-
     def step(self, dt):
         """Return the `Step` of size ``dt``; 0 gives the rigid-viscous equations as they stand."""
         if dt == self._dt:
@@ -155,13 +156,13 @@ class Evolution:
             x = state.x + dt * middle
             stress = rotated(stress, dt * self.form.spin(middle, 0.5 * (state.x + x)))
             end = state.time + dt
-        prescribed = self.prescribed(end)
-        rate = np.zeros_like(prescribed)
+        values = prescribed(self.form, end)
+        rates = np.zeros_like(values)
         if end > state.time:
-            rate = (prescribed - self.prescribed(state.time)) / dt
+            rates = (values - prescribed(self.form, state.time)) / dt
         theta = 1.0 / (self.form.material.G * dt) if dt > 0.0 else 0.0
         self._attempts += 1
-        self._dt, self._step = dt, Step(self.form, x, stress, theta, prescribed, rate)
+        self._dt, self._step = dt, Step(self.form, x, stress, theta, values, rates)
         return self._step
 
     def _current_step(self, ts, time):
@@ -309,8 +310,7 @@ class Evolution:
         grid, form = self.grid, self.form
         local, _, step = self._committed
         _, fluidity, corner_pressure = grid.split(local)
-        pressure = np.ones(grid.nodes.size)
-        pressure[grid.element_nodes] = CORNER_AT_NODES @ corner_pressure[grid.element_corners]
+        pressure = form.corner_field(corner_pressure)
         mu = form.at_nodes(form.stress_ratio(local, step))
         s = np.sqrt(pressure) / form.material.root_density
         if fluidity is None:

@@ -49,6 +49,16 @@ def draw(path, grid, name, limits, title, bar="I"):
     plotter.close()
 
 
+def field(path, snapshot, name, title):
+    """Draw a scalar field of a snapshot beside the file, NAME.png; return the path."""
+    target = Path(path).with_suffix(".png")
+    with h5py.File(path, "r") as file:
+        group = file["snapshots"][snapshot]
+        grid = surface(group["coordinates"][...], {name: group[name][...]})
+    draw(target, grid, name, (grid[name].min(), grid[name].max()), title, bar=name)
+    return target
+
+
 def pictures(path):
     """Draw every snapshot of a result file; return the paths of the pictures.
 

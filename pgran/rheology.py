@@ -206,11 +206,16 @@ def li(law, root_density, gdot, P, theta):
         inertial_number=I)
 
 
+def law_of(settings):
+    """Return the law of resolved options."""
+    if settings.law == "bingham":
+        return Bingham(settings.mu_s, settings.b)
+    return Jop(settings.mu_s, settings.mu_2, settings.b)
+
+
 def material_of(settings):
-    """Return the `Material` of resolved options."""
-    law = Bingham(settings.mu_s, settings.b) if settings.law == "bingham" else Jop(
-        settings.mu_s, settings.mu_2, settings.b)
-    material = Material(law, settings.model, settings.A, settings.phi,
+    """Return the `Material` of resolved options. Raises `OptionError` where P0 would not exist."""
+    material = Material(law_of(settings), settings.model, settings.A, settings.phi,
                         settings.inertial_number, settings.shear_modulus)
     if not material.stress_ratio < 1.0:
         raise OptionError(

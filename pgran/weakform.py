@@ -127,6 +127,16 @@ class WeakForm:
         total = self.grid.sum_at_nodes(element.GAUSS_TO_NODES @ values)
         return total / np.maximum(self.grid.sum_at_nodes(np.ones_like(values)), 1.0)
 
+    def corner_field(self, corners):
+        """Return nodal values (n_nodes,) of a Q1 field given at the corners, (n_corners,).
+
+        Complete at owned nodes, 1 at ghosts that no local element has.
+        """
+        nodal = np.ones(self.grid.nodes.size)
+        nodal[self.grid.element_nodes] = (
+            element.CORNER_AT_NODES @ corners[self.grid.element_corners])
+        return nodal
+
     # Residual
 
     def residual(self, local, rate, step):

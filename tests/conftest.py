@@ -62,11 +62,9 @@ def noise(grid, seed):
 
 def prescribed(form, time=0.0):
     """Return the prescribed unknowns (n_local,) of a form's case."""
-    grid, case = form.grid, form.case
-    nodes, corners = grid.nodes, grid.corners
-    return grid.join(case.prescribed(time, nodes.i, nodes.j),
-                     case.prescribed_fluidity(time, nodes.i, nodes.j),
-                     case.prescribed_pressure(time, corners.i, corners.j))
+    from pgran import evolve
+
+    return evolve.prescribed(form, time)
 
 
 def newton(form, step, local, tolerance=1e-11, most=30):
