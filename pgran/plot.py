@@ -29,7 +29,7 @@ def surface(coordinates, fields):
     return grid
 
 
-def draw(path, grid, name, limits, title, bar="I"):
+def draw(path, grid, name, limits, title, bar=""):
     """Write a picture of the field ``name`` of a plane grid to ``path``."""
     plotter = pyvista.Plotter(off_screen=True, window_size=(560, 1000))
     plotter.set_background("white")
