@@ -1,0 +1,47 @@
+#!/usr/bin/env bash
+# The spectra by SLEPc beside the theory: the plane of wave vectors of figures 1(a) and 1(b), both
+# laws over the inertial number, and the finite specimen over its size, the inertial number and the
+# mesh. About 15 minutes on two cores. Tables go to results/spectra*.csv and spectra.txt.
+# Usage: bash jobs/spectra.sh
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+bash jobs/local.sh setup
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
+mkdir -p results
+
+eigen() {
+    mpiexec -n "${PGRAN_RANKS:-2}" .venv/bin/python -m pgran.eigen -options_file options/eigen.opts "$@"
+}
+
+for model in ngf li; do
+    echo "== $model over the plane of wave vectors, Jop law, I0 = 0.001"
+    eigen -pgran_model "$model" -pgran_law jop -pgran_output "results/spectra_$model.h5" \
+        -sweep 8 -sweep_end 0.19 -eps_nev 4
+done
+
+echo "== fastest mode over the inertial number: I0, law, computed, analytic, relative error"
+for law in bingham jop; do
+    for number in 1e-4 1e-3 3e-3 1e-2; do
+        eigen -pgran_law "$law" -pgran_inertial_number "$number" -pgran_cell_elements 32 \
+            -eps_nev 1 -json | .venv/bin/python -c "
+import json, sys
+row = json.load(sys.stdin)[0]
+print(f'  $number  $law  {row[\"computed\"]:.8g}  {row[\"analytic\"]:.8g}  {row[\"relative_error\"]:.2e}')"
+    done
+done
+
+echo "== the specimen on its frozen initial mesh: I0, L (d), element (d), growing modes, leading ones"
+specimen() {
+    eigen -pgran_case biaxial -pgran_inertial_number "$1" -pgran_width "$2" \
+        -pgran_element_size "$3" -json | .venv/bin/python -c "
+import json, sys
+rows = json.load(sys.stdin)
+growing = sum(row['computed'] > 0 for row in rows)
+shown = ', '.join(f'{row[\"computed\"]:.4g}' + (f'{row[\"imaginary\"]:+.4g}i' if row['imaginary'] else '')
+                  for row in rows[:4])
+print(f'  $1  {$2:3d}  $3  {growing:3d}  {shown}', flush=True)"
+}
+for width in 20 40 80 160; do specimen 1e-3 $width 4; specimen 1e-3 $width 2; done
+specimen 1e-3 320 8
+specimen 1e-3 320 4
+for number in 1e-4 1e-2; do for width in 20 40 80 160; do specimen $number $width 4; done; done

@@ -1,0 +1,117 @@
+"""SLEPc's spectra of the solver's own Jacobian agree with the closed forms."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT, run_ranks
+
+from pgran.eigen import theory
+from pgran.options import read
+
+FASTEST = "0.06481,0.05300"
+
+
+def eigen(ranks, *arguments, **more):
+    """Run ``python -m pgran.eigen`` with options/eigen.opts; return what it prints."""
+    return run_ranks(ranks, "-m", "pgran.eigen", "-options_file", ROOT / "options" / "eigen.opts",
+                     *arguments, **more)
+
+
+def pairs(ranks, *arguments):
+    return json.loads(eigen(ranks, "-json", *arguments).stdout)
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("elements, limit", [(16, 3e-3), (32, 3e-4)])
+def test_fastest_mode_has_its_analytic_growth(ranks, elements, limit):
+    found = pairs(ranks, "-pgran_cell_elements", elements, "-wave_vector", FASTEST)
+    assert set(found[0]) == {"computed", "analytic", "relative_error", "residual"}
+    assert found[0]["analytic"] == pytest.approx(355.4, abs=0.1)
+    # Both signs of k2, and two phases, share the growth rate.
+    assert all(pair["relative_error"] < limit for pair in found[:4])
+    assert [p["computed"] for p in found] == sorted((p["computed"] for p in found), reverse=True)
+    assert all(pair["residual"] < 1e-6 and np.isfinite(pair["computed"]) for pair in found)
+
+
+def test_error_falls_with_order_4():
+    text = eigen(2, "-refinement", "16,32,64", "-pgran_output", "/tmp/none.h5", "-json").stdout
+    assert json.loads(text)  # JSON is one list, without the study
+    errors = [pairs(2, "-pgran_cell_elements", n)[0]["relative_error"] for n in (16, 32, 64)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders[0] > 3.85 and orders[1] > 3.95
+
+
+def test_growth_of_li_rises_with_the_square_of_the_wave_number():
+    found = [pairs(1, "-pgran_model", "li", "-wave_vector", f"{0.065 * n},{0.053 * n}")
+             for n in (1, 2, 4)]
+    rates = []
+    for pair_list in found:
+        pair = min(pair_list, key=lambda p: p["relative_error"])
+        assert pair["relative_error"] < 2e-3
+        rates.append(pair["computed"])
+    np.testing.assert_allclose(np.array(rates[1:]) / rates[:-1], 4.0, rtol=1e-3)
+
+
+@pytest.mark.parametrize("model", ["ngf", "li"])
+@pytest.mark.parametrize("law, inertial_number", [
+    (law, I0) for law in ("bingham", "jop") for I0 in (1e-4, 1e-3, 0.03, 0.3, 1.0)
+    if law == "jop" or I0 < 0.6])  # beyond, mu_loc of the Bingham law exceeds 1
+def test_both_laws_and_models_over_inertial_numbers(law, inertial_number, model):
+    # Away from neutral wave vectors, where a relative error says little.
+    k = np.array([0.10, 0.03])
+    settings = read({"pgran_law": law, "pgran_model": model,
+                     "pgran_inertial_number": str(inertial_number)})
+    rate = float(theory(settings, k))
+    found = pairs(1, "-pgran_law", law, "-pgran_model", model, "-wave_vector", "0.10,0.03",
+                  "-pgran_inertial_number", inertial_number, "-target", rate * 0.999,
+                  "-eps_nev", 2)
+    pair = min(found, key=lambda p: abs(p["analytic"] - rate))
+    assert pair["analytic"] == pytest.approx(rate, rel=1e-9)
+    assert pair["relative_error"] < 2e-3
+
+
+def test_mode_is_written_and_drawn(tmp_path):
+    path = tmp_path / "mode.h5"
+    done = eigen(2, "-pgran_output", path, "-refinement", "8")
+    assert "(1, 1)" in done.stdout and "8 x 8" in done.stdout
+    with h5py.File(path) as file:
+        group = file["snapshots/0000"]
+        velocity = group["velocity"][...]
+        assert file.attrs["growth_rate"] == pytest.approx(354.46, abs=0.1)
+    # A transverse wave: one wavelength each way, normal to k.
+    k = np.array([0.0648, 0.0530])
+    spectrum = np.abs(np.fft.fft2(velocity[..., 0]))
+    a, b = np.unravel_index(np.argmax(spectrum), spectrum.shape)
+    assert (min(a, 32 - a), min(b, 32 - b)) == (1, 1)
+    ratio = np.abs(velocity[..., 0]).max() / np.abs(velocity[..., 1]).max()
+    assert ratio == pytest.approx(k[1] / k[0], rel=0.05)
+    assert path.with_suffix(".xdmf").exists() and path.with_suffix(".png").stat().st_size > 5000
+
+
+def test_specimen_of_40_grains_is_stable_on_a_frozen_mesh():
+    found = pairs(2, "-pgran_case", "biaxial", "-pgran_element_size", 4, "-target", "0")
+    assert found[0]["computed"] == pytest.approx(-0.67, abs=0.01)
+    assert found[0]["analytic"] is None and found[0]["residual"] < 1e-6
+
+
+def test_sweep_compares_the_plane_of_wave_vectors(tmp_path):
+    path = tmp_path / "sweep.h5"
+    eigen(2, "-sweep", 2, "-pgran_output", path, "-pgran_cell_elements", 16)
+    table = np.genfromtxt(path.with_suffix(".csv"), delimiter=",", names=True)
+    assert table.size == 4 and (table["relative_error"] < 0.01).all()
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (("-wave_vector", "0,0"), "-wave_vector 0,0"),
+    (("-wave_vector", "0.1,0"), "-wave_vector 0.1,0: allowed is two numbers other than zero"),
+    (("-pgran_inertial_number", "0"), "-pgran_inertial_number 0: allowed"),
+    (("-pgran_inertial_number", "0.03"), "-wave_vector: it has to be given"),
+    (("-target", "up"), "-target up: allowed is a list of numbers"),
+    (("-pgran_model", "ig", "-wave_vector", "0.1,0.1"), "-pgran_model ig"),
+])
+def test_bad_input_gets_one_clear_error(arguments, message):
+    done = eigen(2, *arguments, "-json", check=False, limit=60)
+    assert done.returncode == 1
+    assert done.stderr.count("pgran: error: ") == 1 and message in done.stderr

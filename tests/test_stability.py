@@ -1,0 +1,284 @@
+"""The closed forms equal the unreduced equations, and the numbers are those of the paper."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import run_ranks
+
+from pgran import rheology, stability
+from pgran.options import OptionError
+from pgran.stability import BASE_FLOWS, Coefficients
+
+LAWS = {"bingham": rheology.Bingham(0.3819, 0.9377), "jop": rheology.Jop(0.3819, 0.6435, 0.9377)}
+PURE = stability.flow_direction(BASE_FLOWS["pure_shear"])
+
+
+def random_flow(rng, n):
+    """A velocity gradient (n, n) without divergence."""
+    L = rng.standard_normal((n, n))
+    return L - np.trace(L) / n * np.eye(n)
+
+
+def unreduced_growth(k, N, coefficients, xi_square=None):
+    """Growth rates from the generalised problem of (3.8)-(3.10) or, with IG, (C 8), (3.8).
+
+    Unknowns v, P, g in units with eta0 = gdot0 = 1, so P0 = 1/mu and A^2 d^2 phi rho_s = 1:
+    lambda B u = C u with B = 1 for v alone.
+    """
+    n, mu, nu = k.size, float(coefficients.mu), float(coefficients.nu)
+    square, Nk = k @ k, N @ k
+    model = coefficients.model
+    size = n + 1 + (model == "ngf")
+    C, B = np.zeros((size, size), dtype=complex), np.zeros((size, size))
+    B[:n, :n] = np.eye(n)
+    C[:n, :n] = -square * np.eye(n)
+    root = np.sqrt(2.0)
+    if model == "ngf":
+        C[:n, n] = 1j * (-k + root * mu * Nk)
+        C[:n, n + 1] = -1j * root * mu * Nk
+        C[n + 1, n] = 0.5
+        C[n + 1, :n] = 1j * root / mu * (1.0 - nu) / nu * Nk
+        C[n + 1, n + 1] = -1.0 / nu - xi_square * square
+    else:
+        non_local = square if model == "ig" else 0.0
+        C[:n, n] = 1j * (-k + root * mu * (1.0 - nu / 2.0 - non_local / 2.0) * Nk)
+        C[:n, :n] += 2.0 * (1.0 - nu - non_local) * np.outer(Nk, Nk)
+    C[n, :n] = 1j * k
+    # Shift and invert turns the infinite eigenvalues of the constraints into zeros.
+    shift = 0.37 * square + 1.0
+    inverse = np.linalg.eigvals(np.linalg.solve(C - shift * B, B))
+    finite = np.sort(np.abs(inverse))[-(n - 1):].min() / 2.0
+    values = shift + 1.0 / inverse[np.abs(inverse) > finite]
+    return np.sort(values.real)[::-1][:n - 1]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("model", ["ngf", "li", "ig"])
+def test_growth_is_that_of_the_unreduced_equations(model, name, dimension):
+    rng = np.random.default_rng([dimension, len(name), len(model)])
+    done = 0
+    while done < 60:
+        I0 = 10.0**rng.uniform(-4, -0.5)
+        mu_s, b, rise = rng.uniform(0.2, 0.6), rng.uniform(0.3, 1.2), rng.uniform(0.1, 0.4)
+        law = rheology.Bingham(mu_s, b) if name == "bingham" else rheology.Jop(mu_s, mu_s + rise, b)
+        coefficients = Coefficients.of(law, model, I0)
+        N = stability.flow_direction(random_flow(rng, dimension))
+        k = rng.standard_normal(dimension) * 10.0**rng.uniform(-2, 1)
+        _, denominator = stability.tensor(k, N, *coefficients.r_q(k @ k))
+        if abs(denominator) < 1e-3:
+            continue
+        # xi0 in units of A d, from its definition (2.8) rather than from appendix B
+        xi_square = 1.0 / law.inverse_length_squared(coefficients.mu)[0]
+        expected = unreduced_growth(k, N, coefficients, xi_square)
+        found = stability.growth_rates(k, N, coefficients)
+        np.testing.assert_allclose(found.real, expected, rtol=1e-9, atol=1e-9 * (k @ k))
+        done += 1
+
+
+def test_pure_shear_form_is_the_tensor():
+    k = np.random.default_rng(1).uniform(-0.3, 0.3, (50, 2))
+    for model in ("ngf", "li", "ig"):
+        coefficients = Coefficients.of(LAWS["jop"], model, 0.001)
+        np.testing.assert_allclose(
+            stability.pure_shear_growth(k[:, 0], k[:, 1], coefficients),
+            stability.growth_rates(k, PURE, coefficients)[:, 0], rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("model", ["ngf", "li", "ig"])
+def test_short_waves_approach_the_asymptotic_forms(model):
+    coefficients = Coefficients.of(LAWS["jop"], model, 0.01)
+    k = 1e5 * np.array([0.8, 0.5])
+    square = k @ k
+    for found, form in zip(coefficients.r_q(square),
+                           stability.asymptotic_r_q(square, coefficients)):
+        assert found == pytest.approx(form, rel=1e-6)
+    A, _ = stability.tensor(k, PURE, *coefficients.r_q(square))
+    np.testing.assert_allclose(A, stability.asymptotic_tensor(k, PURE, coefficients),
+                               atol=1e-6 * square)
+
+
+def test_quasi_static_numbers_of_the_paper():
+    for law in LAWS.values():
+        coefficients = Coefficients.of(law, "ngf", 0.0)
+        k_cut = stability.cutoff(coefficients)
+        assert k_cut == pytest.approx(0.123, abs=5e-4)
+        assert 2.0 * np.pi * 0.48 / k_cut == pytest.approx(24.5, abs=0.1)
+        angles = [stability.direction_angle(m, PURE)
+                  for m in stability.unstable_directions(coefficients)]
+        assert sorted(angles) == pytest.approx([33.8, 45.0], abs=0.05)
+        assert stability.direction_angle(stability.fastest(coefficients)[2], PURE) \
+            == pytest.approx(39.3, abs=0.05)
+
+
+def test_fastest_mode_at_0001_of_the_bingham_law():
+    coefficients = Coefficients.of(LAWS["bingham"], "ngf", 0.001)
+    assert stability.cutoff(coefficients) == pytest.approx(0.1189, abs=5e-5)
+    k, rate, _ = stability.fastest(coefficients)
+    assert k == pytest.approx(0.0837, abs=5e-5)
+    assert rate == pytest.approx(1.283e-4, rel=5e-4)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("I0", [1e-4, 1e-3, 0.01, 0.012])
+def test_cutoff_and_fastest_mode_are_extrema_over_wave_vectors(name, I0):
+    coefficients = Coefficients.of(LAWS[name], "ngf", I0)
+    k_cut, (size, rate, m) = stability.cutoff(coefficients), stability.fastest(coefficients)
+    angle = np.radians(np.linspace(0.0, 90.0, 7201))
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+    def largest(square_root):
+        return stability.growth_rates(square_root * direction, PURE, coefficients).max()
+
+    assert largest(k_cut * (1.0 - 1e-4)) > 0.0 > largest(k_cut * (1.0 + 1e-4))
+    assert largest(size) == pytest.approx(rate, rel=1e-5)
+    for other in (0.99, 1.01):
+        assert largest(size * other) < rate
+    best = angle[np.argmax(stability.growth_rates(size * direction, PURE, coefficients))]
+    assert np.degrees(best) == pytest.approx(stability.direction_angle(m, PURE), abs=0.02)
+
+
+def test_extrema_in_three_dimensions_lie_in_the_extreme_principal_plane():
+    rng = np.random.default_rng(7)
+    coefficients = Coefficients.of(LAWS["bingham"], "ngf", 0.001)
+    for _ in range(5):
+        N = stability.flow_direction(random_flow(rng, 3))
+        k_cut = float(stability.cutoff(coefficients, N))
+        directions = rng.standard_normal((20000, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        if k_cut == 0.0:
+            assert (stability.growth_rates(1e-3 * directions, N, coefficients) <= 1e-12).all()
+            continue
+        assert (stability.growth_rates(1.001 * k_cut * directions, N, coefficients) < 0.0).all()
+        size, rate, m = (float(part) for part in stability.fastest(coefficients, N))
+        assert stability.growth_rates(size * directions, N, coefficients).max() <= rate
+        values, vectors = np.linalg.eigh(N)
+        weight = (m - values[0]) / (values[-1] - values[0])
+        k = size * (np.sqrt(weight) * vectors[:, -1] + np.sqrt(1.0 - weight) * vectors[:, 0])
+        assert stability.growth_rates(k, N, coefficients)[0] == pytest.approx(rate, rel=1e-9)
+
+
+@pytest.mark.parametrize("name, expected", [("bingham", 1), ("jop", 2)])
+def test_critical_inertial_numbers_bound_the_unstable_range(name, expected):
+    law = LAWS[name]
+    critical = stability.critical_inertial_numbers(law)
+    assert len(critical) == expected
+    for I in critical:
+        below, above = (stability.cutoff(Coefficients.of(law, "ngf", I * (1.0 + e)))
+                        for e in (-1e-7, 1e-7))
+        assert (below > 0.0) != (above > 0.0)
+    # The paper reads 0.0158 for b I0 off its figure.
+    assert 0.9377 * stability.critical_inertial_numbers(LAWS["bingham"])[0] \
+        == pytest.approx(0.0158, rel=0.01)
+
+
+def test_parameter_planes_take_seconds():
+    rise, ratio = np.meshgrid(np.linspace(0.01, 0.6, 200), np.geomspace(1e-3, 1e2, 200))
+    law = rheology.Jop(0.3819, 0.3819 + rise, 0.9377)
+    k_cut = stability.cutoff(Coefficients.of(law, "ngf", ratio * law.I_0))
+    assert k_cut.shape == (200, 200) and np.isfinite(k_cut).all()
+    assert (k_cut == 0.0).any() and (k_cut > 0.0).any()
+
+
+def test_vanishing_denominators_are_reported_not_computed():
+    coefficients = Coefficients.of(LAWS["jop"], "ig", 0.1)
+    # On k2 = 0 the denominator is 1 - q = 0 at |k|^2 = 2 (1 - nu/2 - 1/mu) < 0: none; on k1 = 0
+    # it is 1 + q = 0 at |k|^2 = 2 (1 - nu/2 + 1/mu).
+    size = np.sqrt(2.0 * (1.0 - coefficients.nu / 2.0 + 1.0 / coefficients.mu))
+    k = np.array([[0.0, float(size)], [0.0, 1.1 * float(size)]])
+    rates = stability.growth_rates(k, PURE, coefficients)[:, 0]
+    assert np.isnan(rates[0]) and np.isfinite(rates[1])
+
+
+def test_convection_changes_little_in_quasi_static_flow():
+    gradient = BASE_FLOWS["simple_shear"]
+    N = stability.flow_direction(gradient)
+    k = np.array([0.05, 0.06])
+    for I0, near in ((0.001, True), (1.0, False)):
+        coefficients = Coefficients.of(LAWS["jop"], "ngf", I0)
+        number = 0.48**2 * 0.6 * I0**2 / float(coefficients.mu)
+        plain = stability.growth_rates(k, N, coefficients)[0].real
+        full = stability.growth_rates(k, N, coefficients, number, gradient)[0].real
+        assert (abs(full - plain) < 0.02 * abs(plain)) == near
+
+
+def test_amplitude_starts_at_the_growth_rate_and_is_stabilised_by_turning():
+    gradient, I0 = BASE_FLOWS["simple_shear"], 0.001
+    N = stability.flow_direction(gradient)
+    coefficients = Coefficients.of(LAWS["jop"], "ngf", I0)
+    number = 0.48**2 * 0.6 * I0**2 / float(coefficients.mu)
+    size = float(stability.fastest(coefficients)[0])
+    angle = np.radians(45.0 - 39.27)
+    k = size * np.array([np.cos(angle), np.sin(angle)])
+    first = stability.growth_rates(k, N, coefficients, number, gradient)[0].real
+    assert first > 0.0
+    early = 1e-3 / first
+    _, _, logarithm = stability.amplitude(k, N, coefficients, gradient, number, early)
+    assert logarithm[-1] == pytest.approx(1e-3, rel=0.05)
+    # Over shear times the wave vector turns away and the perturbation dies (Goddard & Lee 2017).
+    end = 1.0 / number
+    time, path, logarithm = stability.amplitude(k, N, coefficients, gradient, number, end)
+    np.testing.assert_allclose(path[-1], [k[0], k[1] - k[0]], rtol=1e-9)
+    peak, when = stability.largest_amplification(k, N, coefficients, gradient, number, end)
+    assert peak >= logarithm.max() and 5.0 < peak < 50.0 and 0.0 < when < end
+    assert logarithm[-1] < -1e3
+    # The same maximum whatever the time looked at, as long as it holds it.
+    for other in (1.5 * when, 3.0 / number):
+        assert stability.largest_amplification(k, N, coefficients, gradient, number,
+                                               other)[0] == pytest.approx(peak, rel=1e-6)
+
+
+def test_amplitude_in_three_dimensions_is_that_in_the_plane():
+    gradient = BASE_FLOWS["pure_shear"]
+    coefficients = Coefficients.of(LAWS["bingham"], "ngf", 0.1)
+    number, k = 0.05, np.array([0.3, 0.2])
+    wide = np.zeros((3, 3))
+    wide[:2, :2] = gradient
+    plane = stability.amplitude(k, PURE, coefficients, gradient, number, 10.0)[2][-1]
+    path = stability.turning_wave_vector(np.append(k, 0.0), wide, number, np.array([10.0]))
+    np.testing.assert_allclose(path[0], [k[0] * np.exp(-0.25), k[1] * np.exp(0.25), 0.0])
+    space = stability.amplitude(np.append(k, 0.0), stability.flow_direction(wide), coefficients,
+                                wide, number, 10.0)[2][-1]
+    # In space the fastest mode may leave the plane, and then grows more.
+    assert space == pytest.approx(plane, rel=1e-6) or space > plane
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (["-wave_vector", "0,0"], "-wave_vector 0,0"),
+    (["-wave_vector", "1"], "-wave_vector 1"),
+    (["-cutoff", "-pgran_mu_s", "0"], "-pgran_mu_s 0: allowed is a number > 0"),
+    (["-cutoff", "-pgran_law", "jop", "-pgran_mu_2", "0.2"], "-pgran_mu_2 0.2: must exceed"),
+    (["-cutoff", "-pgran_inertial_number", "-1"], "-pgran_inertial_number -1: allowed"),
+    (["-cutoff", "-base_flow", "pipe"], "-base_flow pipe: allowed is pure_shear | simple_shear"),
+    (["-cutoff", "-pgran_model", "ig"], "-pgran_model ig"),
+    (["-cutof"], "-cutof: no such option"),
+    (["-json"], "-wave_vector k1,k2 or -cutoff"),
+])
+def test_bad_command_lines_get_a_clear_error(arguments, message, capsys):
+    assert stability.main(arguments) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_base_flows_with_divergence_are_refused():
+    with pytest.raises(OptionError, match="divergence is 1; allowed is 0"):
+        stability.flow_direction(np.diag([1.0, 0.0]))
+    with pytest.raises(OptionError, match="does not deform"):
+        stability.flow_direction(np.array([[0.0, 1.0], [-1.0, 0.0]]))
+
+
+def test_command_answers_in_json():
+    text = run_ranks(0, "-m", "pgran.stability", "-cutoff", "-json", limit=30).stdout
+    answer = json.loads(text)
+    assert answer["k_cut"] == pytest.approx(0.1189, abs=1e-4)
+    assert answer["fastest_growth_rate_gdot0"] == pytest.approx(355.4, abs=0.1)
+    assert answer["fastest_angle"] == pytest.approx(39.3, abs=0.1)
+    text = run_ranks(0, "-m", "pgran.stability", "-wave_vector", "0.0648,0.0530", "-json",
+                     limit=30).stdout
+    assert json.loads(text)["growth_rate"] == pytest.approx(1.283e-4, rel=1e-3)
+
+
+def test_theory_imports_neither_petsc_nor_mpi():
+    code = ("import sys, pgran.stability; "
+            "sys.exit(any(m in sys.modules for m in ('petsc4py', 'mpi4py')))")
+    run_ranks(0, "-c", code)
