@@ -4,6 +4,7 @@
 #   bash jobs/local.sh setup     packages and .venv
 #   bash jobs/local.sh run       the biaxial job: results/biaxial.h5, .xdmf and pictures
 #   bash jobs/local.sh test      the tests
+#   bash jobs/local.sh figures   the figures of the linear theory: results/figures/fig*.png and .h5
 #
 # Each call sets up what is missing and skips what is in place. PGRAN_RANKS (2) is the
 # number of ranks of a run. Two packages beyond the obvious: OpenBLAS makes MUMPS several times
@@ -74,6 +75,7 @@ run() {
 case "${1:-}" in
     setup) setup ;;
     run) setup; run ;;
+    figures) setup; .venv/bin/python -m pgran.figures fig1 fig2 fig8 fig9 ;;
     test) setup; shift; exec .venv/bin/python -m pytest "$@" ;;
-    *) sed -n '2,10s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
+    *) sed -n '2,11s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
 esac

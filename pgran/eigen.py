@@ -25,7 +25,7 @@ import numpy as np
 
 #: Options of this command alone, and what they mean.
 OWN = ("wave_vector", "refinement", "target", "sweep", "sweep_end", "json")
-#: Harmonics of the cell that a mode may be named by, each way.
+#: Harmonics of the cell among which the fastest is sought, each way.
 HARMONICS = 6
 
 
@@ -133,7 +133,7 @@ def spectrum(settings, own, comm, write=False, say=lambda *_: None):
 
     Keys ``computed`` (real part) and ``imaginary``, gdot0; ``analytic`` and
     ``relative_error`` (None without theory); ``residual`` as `residual` tells;
-    ``harmonic`` (m1, m2) of the mode. ``write`` leaves the first mode as
+    ``harmonic`` (m1, m2) of the mode and its ``share`` of the mode's power. ``write`` leaves the first mode as
     HDF5, XDMF and a picture. Raises `OptionError`. Collective.
     """
     from .options import Settings
@@ -155,11 +155,11 @@ def spectrum(settings, own, comm, write=False, say=lambda *_: None):
                    and r["target"] != target for r in rows):
                 continue  # two targets have found it
             if k is not None:
-                harmonic = name_of(form, mode)
+                harmonic, share = name_of(form, mode)
                 if harmonic == (0, 0):
                     continue  # a translation of the whole cell, of which lambda = 0 says nothing
                 analytic = float(theory(settings, np.array(harmonic) * k))
-                row.update(harmonic=harmonic, analytic=analytic,
+                row.update(harmonic=harmonic, share=share, analytic=analytic,
                            relative_error=abs(value - analytic) / abs(analytic))
             rows.append({**row, "target": target})
             vectors.append(mode)
@@ -269,26 +269,27 @@ def operators(settings, comm):
 
 
 def name_of(form, mode):
-    """Return the harmonic (m1, m2) of a mode (n_local,) of the cell: its largest Fourier term.
+    """Return the harmonic (m1, m2) of a mode (n_local,) of the cell, and its share of the power.
 
-    m1 >= 0, and m2 > 0 where m1 = 0; a mode and its complex conjugate have one name.
+    The largest Fourier term of the velocity, among all that the elements resolve; m1 >= 0,
+    and m2 > 0 where m1 = 0: a mode and its complex conjugate have one name. Collective.
     """
     from mpi4py import MPI
 
     grid = form.grid
     nodes, (nx, ny) = grid.nodes, grid.nodes.shape
     velocity = mode[:grid.n_flow].reshape(-1, grid.dof)[nodes.owned, :2]
-    i, j = nodes.i[nodes.owned], nodes.j[nodes.owned]
-    m = np.arange(-HARMONICS, HARMONICS + 1)
-    along = np.exp(-2j * np.pi * np.outer(m, i) / nx)
-    up = np.exp(-2j * np.pi * np.outer(m, j) / ny)
-    terms = np.einsum("an,bn,nc->abc", along, up, velocity)
+    first, second = (np.exp(-2j * np.pi * np.outer(np.arange(-n, n + 1), index) / (2 * n))
+                     for n, index in zip(grid.shape, (nodes.i[nodes.owned], nodes.j[nodes.owned])))
+    terms = np.stack([(first * part) @ second.T for part in velocity.T])
     terms = grid.comm.tompi4py().allreduce(terms, MPI.SUM)
-    size = (np.abs(terms)**2).sum(axis=2)
-    size = size + size[::-1, ::-1]
-    a, b = np.unravel_index(np.argmax(np.round(size / size.max(), 9)), size.shape)
-    found = int(m[a]), int(m[b])
-    return found if found > (0, 0) else (-found[0], -found[1])
+    power = (np.abs(terms)**2).sum(axis=0)
+    power[:, -1] = power[-1, :] = 0.0  # the same as the first ones
+    power = power + power[::-1, ::-1]
+    a, b = np.unravel_index(np.argmax(np.round(power / power.max(), 9)), power.shape)
+    found = int(a) - grid.shape[0], int(b) - grid.shape[1]
+    share = 2.0 * power[a, b] / power.sum() if found != (0, 0) else power[a, b] / power.sum()
+    return (found if found > (0, 0) else (-found[0], -found[1])), float(share)
 
 
 def write_mode(settings, form, mode, row, say):
@@ -318,7 +319,8 @@ def write_mode(settings, form, mode, row, say):
 def sweep(settings, own, comm, say):
     """Compare m x m wave vectors of the first quadrant with the theory; write a CSV. Collective.
 
-    Each is the row with harmonic (1, +-1) of its own cell.
+    Each is the eigenvalue of harmonic (1, +-1) of its own cell; where several modes have
+    that name, of the one that is most of it.
     """
     from pathlib import Path
 
@@ -332,7 +334,8 @@ def sweep(settings, own, comm, say):
             rate = float(theory(settings, k))
             rows = spectrum(settings, {"wave_vector": f"{k1},{k2}",
                                        "target": repr(rate + 1e-3 * abs(rate))}, comm)
-            row = next((r for r in rows if r["harmonic"] in ((1, 1), (1, -1))), None)
+            row = max((r for r in rows if r["harmonic"] in ((1, 1), (1, -1))),
+                      key=lambda r: r["share"], default=None)
             if row is None:
                 say(f"  {k1:.4f},{k2:.4f}: no eigenvalue of this wave vector converged")
                 continue

@@ -64,14 +64,18 @@ def fig1(save):
     for axes, model in zip(panels, ("ngf", "li")):
         coefficients = Coefficients.of(JOP, model, 0.001)
         rate = stability.pure_shear_growth(k1, k2, coefficients)
-        filled = growth_map(axes, k1, k2, rate, np.linspace(-0.04, 0.0, 9))
+        filled = growth_map(axes, k1, k2, rate, np.linspace(-0.04, 0.0, 17))
         label_wave_vectors(axes, f"({'ab'[model == 'li']}) {model.upper()}, $I^0$ = 0.001")
         data[f"growth_rate_{model}"] = rate
         points = _spectra(Path("results") / f"spectra_{model}.csv")
         if points is not None:
-            scatter = axes.scatter(points["k1"], points["k2"], s=14, zorder=3,
-                                   c=np.log10(points["relative_error"]), cmap="viridis")
-            figure.colorbar(scatter, ax=axes, label="SLEPc: log10 relative error", shrink=0.8)
+            # In the colours of the contours: a point that agrees is seen by its rim alone.
+            computed = points["computed"] * (A**2 * PHI * 0.001**2 / float(coefficients.mu))
+            shades = GREYS(np.clip(1.0 + computed / 0.04, 0.0, 1.0))
+            shades[computed > 0.0] = 1.0
+            axes.scatter(points["k1"], points["k2"], s=26, zorder=3, c=shades,
+                         edgecolors="tab:red", linewidths=0.7)
+            data[f"slepc_{model}"] = np.stack([points["k1"], points["k2"], computed])
             table.append((f"SLEPc on figure 1, {model}: largest relative error", "-",
                           points["relative_error"].max()))
     figure.colorbar(filled, ax=panels, label=r"$\tilde\lambda$", shrink=0.8)
