@@ -14,9 +14,10 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 packages=(python3-petsc4py python3-slepc4py python3-mpi4py python3-h5py-mpi mpi-default-bin
           python3-venv libopenblas0-pthread libosmesa6)
-modules=(setuptools wheel "numpy<2" pyvista pytest sympy)
+modules=(setuptools wheel "numpy<2" pyvista matplotlib pytest sympy)
 
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
+export OMPI_MCA_rmaps_base_oversubscribe=1  # more ranks than cores, if asked for
 
 setup() {
     local missing=() package root=()
@@ -69,7 +70,8 @@ run() {
         mpiexec -n "${PGRAN_RANKS:-2}" .venv/bin/python -m pgran -options_file options/biaxial.opts
     fi
     .venv/bin/python -m pgran.measure results/biaxial.h5
-    .venv/bin/python -m pgran.plot results/biaxial.h5
+    [[ results/biaxial_0001.png -nt results/biaxial.h5 ]] \
+        || .venv/bin/python -m pgran.plot results/biaxial.h5
 }
 
 case "${1:-}" in

@@ -1,13 +1,16 @@
 #!/usr/bin/env bash
 # The spectra by SLEPc beside the theory: the plane of wave vectors of figures 1(a) and 1(b), both
 # laws over the inertial number, and the finite specimen over its size, the inertial number and the
-# mesh. About 15 minutes on two cores. Tables go to results/spectra*.csv and spectra.txt.
+# mesh.
+# Tables go to results/spectra_*.csv and results/spectra.txt.
 # Usage: bash jobs/spectra.sh
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash jobs/local.sh setup
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
+export OMPI_MCA_rmaps_base_oversubscribe=1  # more ranks than cores, if asked for
 mkdir -p results
+exec > >(tee results/spectra.txt)
 
 eigen() {
     mpiexec -n "${PGRAN_RANKS:-2}" .venv/bin/python -m pgran.eigen -options_file options/eigen.opts "$@"
@@ -30,7 +33,7 @@ print(f'  $number  $law  {row[\"computed\"]:.8g}  {row[\"analytic\"]:.8g}  {row[
     done
 done
 
-echo "== the specimen on its frozen initial mesh: I0, L (d), element (d), growing modes, leading ones"
+echo "== the specimen on its frozen initial mesh: I0, L (d), element (d), modes found to grow, leading ones"
 specimen() {
     eigen -pgran_case biaxial -pgran_inertial_number "$1" -pgran_width "$2" \
         -pgran_element_size "$3" -json | .venv/bin/python -c "

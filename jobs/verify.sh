@@ -6,6 +6,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash jobs/local.sh setup
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
+export OMPI_MCA_rmaps_base_oversubscribe=1  # more ranks than cores, if asked for
 results=${1:-results/verify}
 
 job() {
@@ -40,13 +41,19 @@ base, largest = fields["base"], rows["base"]["inertial_number_max"]
 print("at 10 % compression; the difference from the base is that of I at the same material points,")
 print("largest over the specimen, over the largest I of the base")
 print(f"{'run':12} {'I max':>10} {'to base':>9} {'difference':>11} {'angle':>6} {'width':>6}")
+changes = {}
 for name in names[:4]:
     row, step = rows[name], (len(fields[name]) - 1) // (len(base) - 1)
-    difference = 100 * np.abs(fields[name][::step, ::step] - base).max() / largest
+    changes[name] = difference = 100 * np.abs(fields[name][::step, ::step] - base).max() / largest
     print(f"{name:12} {row['inertial_number_max']:10.4e} "
           f"{100 * (row['inertial_number_max'] / largest - 1):+8.2f}% {difference:10.2f}% "
           f"{row['angle']:6.1f} {row['width']:6.1f}")
 row = rows["inertial"]
+limits = {"stiff": 3.0, "half_steps": 2.0, "fine": 10.0}  # percent of the largest I
+wrong = [name for name, limit in limits.items() if changes[name] > limit]
+if not 0.98 * 0.03 < row["inertial_number_min"] <= row["inertial_number_max"] < 1.02 * 0.03:
+    wrong.append("inertial")
 print(f"inertial: I / 0.03 from {row['inertial_number_min'] / 0.03:.4f} "
       f"to {row['inertial_number_max'] / 0.03:.4f}")
+sys.exit(f"beyond the limits: {wrong}" if wrong else 0)
 EOF

@@ -32,7 +32,7 @@ def start(arguments, action, slepc=False):
     An `OptionError` or a `StepError`, which all ranks raise together, becomes one
     message of rank 0. Anything else may have struck one rank alone: it ends them all.
     """
-    given = [argument for argument in arguments if argument not in HELP]
+    given = file_first([argument for argument in arguments if argument not in HELP])
     if slepc:
         import slepc4py
         slepc4py.init(given)
@@ -59,18 +59,30 @@ def start(arguments, action, slepc=False):
         return 1
 
 
+def file_first(arguments):
+    """Return ``arguments`` with -options_file at the front, so that the command line wins over it.
+
+    PETSc reads its arguments in order, and a file where it stands.
+    """
+    program, *rest = arguments
+    files = []
+    while "-options_file" in rest[:-1]:
+        place = rest.index("-options_file")
+        files += rest[place:place + 2]
+        del rest[place:place + 2]
+    return [program, *files, *rest]
+
+
 def given_options():
-    """Return all options that PETSc was given, {name: text}, and count pgran's as used."""
+    """Return pgran's options that PETSc was given, {name: text}, and count them as used."""
     from petsc4py import PETSc
 
     from .options import PREFIX
 
     database = PETSc.Options()
-    given = database.getAll()
-    for name in given:
-        if name.startswith(PREFIX):
-            database.getString(name, "")
-    return given
+    # getAll splits values at blanks; getString gives them whole.
+    return {name: database.getString(name, "") for name in database.getAll()
+            if name.startswith(PREFIX)}
 
 
 def run(settings, comm):
@@ -107,7 +119,7 @@ def run(settings, comm):
             done = compression / settings.compression
             text = f"{100 * compression:6.3f} of {100 * settings.compression:g} %"
         terminal.step(evolution.ts.getStepNumber(), done, text, report)
-        if state.time in targets:
+        if report["landed"]:
             write_fields()
 
     def write_fields():
@@ -121,16 +133,22 @@ def run(settings, comm):
         terminal.say(f"  an earlier {writer.path} is kept as {writer.kept}")
     try:
         evolution.solve()
-    finally:
-        if evolution.started and (frozen or evolution.state.time not in targets):
+    except evolve.StepError:
+        if evolution.started:
             write_fields()
+        raise
+    complete = not evolution.targets
+    if frozen or not complete:
+        write_fields()
+    writer.flush(complete=complete)
     if frozen:
         residual = evolution.steady_residual()
-        writer.flush(steady_residual=residual, complete=True)
+        writer.flush(steady_residual=residual)
         terminal.say(f"  steady: the rigid-viscous equations (2.9)-(2.11) hold to a residual of "
                      f"{residual:.2e} |sigma_1| d")
-    else:
-        writer.flush(complete=not evolution.targets)
+    elif not complete:
+        terminal.say(f"  stopped by PETSc's options at {100 * case.compression(evolution.state.time):.4g}"
+                     f" % of {100 * settings.compression:g} %")
     terminal.closing(writer, evolution)
 
 

@@ -18,10 +18,13 @@ the spectrum is sought, ``-sweep m`` for m x m wave vectors up to ``-sweep_end``
 beside ``-pgran_output``), ``-eps_nev``.
 """
 
+import difflib
 import json
 import sys
 
 import numpy as np
+
+from .options import OptionError, Settings
 
 #: Options of this command alone, and what they mean.
 OWN = ("wave_vector", "refinement", "target", "sweep", "sweep_end", "json")
@@ -46,6 +49,13 @@ def run(settings, comm):
 
     database = PETSc.Options()
     own = {name: database.getString(name, "") for name in OWN if database.hasName(name)}
+    for name in database.getAll():
+        near = difflib.get_close_matches(name, OWN, n=1, cutoff=0.8)
+        if near and name not in OWN:
+            raise OptionError(f"-{name}: no such option; did you mean -{near[0]}?")
+    if settings.case != "periodic" and {"wave_vector", "sweep"} & set(own):
+        raise OptionError(f"-wave_vector, -sweep: allowed with -pgran_case periodic, not "
+                          f"{settings.case}")
     say = print if comm.rank == 0 else (lambda *_, **__: None)
     if "sweep" in own:
         sweep(settings, own, comm, say)
@@ -77,8 +87,6 @@ def table(rows, say):
 
 def refinement(settings, own, comm, say):
     """Print errors of the fastest mode and their observed orders over ``-refinement``."""
-    from .options import Settings
-
     sizes, before = _integers("refinement", own["refinement"]), None
     say(f"  refinement of the fastest mode\n  {'elements':>9} {'computed':>16} {'error':>10} "
         f"{'order':>6}")
@@ -92,8 +100,7 @@ def refinement(settings, own, comm, say):
 
 
 def _integers(name, text):
-    from .options import OptionError
-
+    """The integers of a list; raises `OptionError` where they are not such, or below 2."""
     try:
         found = [int(part) for part in text.split(",")]
     except ValueError:
@@ -105,8 +112,6 @@ def _integers(name, text):
 
 def cell_settings(settings, k):
     """Return settings of the periodic cell with one wavelength of A d k = ``k`` (2,) each way."""
-    from .options import OptionError, Settings
-
     if not (np.abs(k) > 0.0).all():
         raise OptionError(f"-wave_vector {k[0]:g},{k[1]:g}: allowed is two numbers other than "
                           "zero, one wavelength each way making the cell")
@@ -123,9 +128,9 @@ def theory(settings, k):
 
     coefficients = stability.Coefficients.of(
         rheology.law_of(settings), settings.model, settings.inertial_number)
-    N = stability.flow_direction(stability.BASE_FLOWS["pure_shear"])
-    rate = coefficients.mu / (settings.A**2 * settings.phi * settings.inertial_number**2)
-    return rate * stability.growth_rates(k, N, coefficients)[..., 0]
+    rate = stability.viscous_rate(coefficients.mu, settings.A, settings.phi,
+                                  settings.inertial_number)
+    return rate * stability.growth_rates(k, stability.PURE_SHEAR, coefficients)[..., 0]
 
 
 def spectrum(settings, own, comm, write=False, say=lambda *_: None):
@@ -136,14 +141,12 @@ def spectrum(settings, own, comm, write=False, say=lambda *_: None):
     ``harmonic`` (m1, m2) of the mode and its ``share`` of the mode's power. ``write`` leaves the first mode as
     HDF5, XDMF and a picture. Raises `OptionError`. Collective.
     """
-    from .options import Settings
-
     settings = Settings(**{**vars(settings), "inertia": True, "imperfection": 1.0})
     k = None
     if settings.case == "periodic":
-        from .stability import _wave_vector
+        from .stability import read_wave_vector
 
-        k = _wave_vector(own["wave_vector"]) if "wave_vector" in own else fastest(settings)
+        k = read_wave_vector(own["wave_vector"]) if "wave_vector" in own else fastest(settings)
         settings = cell_settings(settings, k)
     form, J, M = operators(settings, comm)
     rows, vectors = [], []
@@ -163,6 +166,8 @@ def spectrum(settings, own, comm, write=False, say=lambda *_: None):
                            relative_error=abs(value - analytic) / abs(analytic))
             rows.append({**row, "target": target})
             vectors.append(mode)
+    J.destroy()
+    M.destroy()
     order = sorted(range(len(rows)), key=lambda n: -rows[n]["computed"])
     if write and order:
         write_mode(settings, form, vectors[order[0]], rows[order[0]], say)
@@ -190,7 +195,8 @@ def eigenpairs(form, J, M, target):
         value = -eps.getEigenpair(number, real, imaginary)
         mode = form.grid.to_local(real) + 1j * form.grid.to_local(imaginary)
         found.append((value, mode, residual(J, M, value, real, imaginary)))
-    eps.destroy()
+    for thing in (eps, real, imaginary):
+        thing.destroy()
     return found
 
 
@@ -209,6 +215,8 @@ def residual(J, M, value, real, imaginary):
         size += Mx.norm()**2
         Jx.axpy(1.0, Mx)
         change += Jx.norm()**2
+    Jx.destroy()
+    Mx.destroy()
     return float(np.sqrt(change / size))
 
 
@@ -216,18 +224,20 @@ def _targets(settings, own, k):
     """Where the spectrum is sought, gdot0: ``-target``, or by the case.
 
     Just beyond the fastest harmonic of a cell; for LI, whose growth has no bound, just
-    beyond the wave vector itself; for the specimen, of which no theory is known, from
-    rest up to the growth of the fastest wave vector in free space.
+    beyond the wave vector itself; for the specimen, of which no theory is known, at 0,
+    0.1, 0.3 and 0.9 of the growth of the fastest wave vector in free space.
     """
-    from .options import OptionError
-
     if "target" in own:
         try:
             return [float(part) for part in own["target"].split(",")]
         except ValueError:
             raise OptionError(f"-target {own['target']}: allowed is a list of numbers") from None
     if k is None:
-        return [0.0, 30.0, 100.0, 300.0]
+        try:
+            top = float(theory(settings, fastest(settings)))
+        except OptionError:  # no wave vector grows in free space
+            return [0.0]
+        return [0.0, 0.1 * top, 0.3 * top, 0.9 * top]
     most = 1 if settings.model == "li" else HARMONICS
     m = np.arange(1, most + 1)
     rates = theory(settings, np.array([(a, b) for a in m for b in m]) * k)
@@ -235,17 +245,18 @@ def _targets(settings, own, k):
 
 
 def fastest(settings):
-    """Return the fastest-growing wave vector (2,), A d k, by the closed form."""
+    """Return the fastest-growing wave vector (2,), A d k, by the closed form.
+
+    Raises `OptionError` where there is none: all are stable, or growth has no bound.
+    """
     from . import rheology, stability
-    from .options import OptionError
 
     coefficients = stability.Coefficients.of(
         rheology.law_of(settings), settings.model, settings.inertial_number)
     size, _, m = stability.fastest(coefficients)
     if not np.isfinite(size):
         raise OptionError("-wave_vector: it has to be given where no fastest one exists")
-    N = stability.flow_direction(stability.BASE_FLOWS["pure_shear"])
-    angle = np.radians(stability.direction_angle(m, N))
+    angle = np.radians(stability.direction_angle(m, stability.PURE_SHEAR))
     return float(size) * np.array([np.cos(angle), np.sin(angle)])
 
 
@@ -296,10 +307,19 @@ def write_mode(settings, form, mode, row, say):
     """Write a mode beside ``-pgran_output`` as HDF5, XDMF and, on rank 0, a picture. Collective."""
     from .results import Writer
 
-    grid, case = form.grid, form.case
+    from mpi4py import MPI
+
+    grid, case, comm = form.grid, form.case, form.grid.comm.tompi4py()
     x = case.coordinates(grid.nodes.i, grid.nodes.j)
-    mode = mode.real / np.abs(mode[:grid.n_flow]).max()
-    velocity, fluidity, pressure = grid.split(mode)
+    # The largest velocity becomes 1 in size and real, on whichever rank it is.
+    velocity = grid.split(mode)[0][:, grid.nodes.owned].ravel()
+    candidates = comm.allgather(velocity[np.argmax(np.abs(velocity))])
+    velocity, fluidity, pressure = grid.split((mode / max(candidates, key=abs)).real)
+    if any(case.periodic):
+        # The held pressure of one corner adds a constant, which changes no flow: take it out.
+        pressure, fluidity = (field if field is None else field - comm.allreduce(
+            field[owned].sum(), MPI.SUM) / comm.allreduce(owned.size, MPI.SUM)
+            for field, owned in ((pressure, grid.corners.owned), (fluidity, grid.nodes.owned)))
     fields = {"coordinates": x, "velocity": velocity, "pressure": form.corner_field(pressure),
               "speed": np.hypot(*velocity)}
     if fluidity is not None:
@@ -324,8 +344,10 @@ def sweep(settings, own, comm, say):
     """
     from pathlib import Path
 
-    count, = _integers("sweep", own["sweep"])
-    end = float(own.get("sweep_end", 0.15))
+    from .stability import read_numbers
+
+    count = int(_integers("sweep", own["sweep"])[0])
+    end = float(read_numbers("sweep_end", own.get("sweep_end", "0.15"), (1,))[0])
     ticks = end * (np.arange(count) + 0.5) / count
     lines, worst = ["k1,k2,computed,analytic,relative_error,residual"], 0.0
     for k1 in ticks:

@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from . import rheology
 from .element import SHAPE
 from .options import OptionError
 from .results import read_snapshot
@@ -70,8 +71,7 @@ def steady_start(form):
     if any(grid.periodic):
         raise OptionError(f"-pgran_restart {settings.restart}: not for -pgran_case "
                           f"{settings.case}")
-    attributes, fields = read_snapshot(settings.restart, settings.restart_snapshot, nodes,
-                                       grid.comm.tompi4py())
+    attributes, fields = read_snapshot(settings, nodes, grid.comm.tompi4py())
     pressure = fields["pressure"][nodes.index(2 * corners.i, 2 * corners.j)]
     local = grid.join(fields["velocity"], fields["fluidity"], pressure)
     stress = SHAPE @ fields["deviator"][:, grid.element_nodes]
@@ -114,6 +114,7 @@ class Evolution:
         ts.setIJacobian(self._ijacobian, self.matrix, self.matrix)
         ts.setPostStep(self._post_step)
         ts.getSNES().setInitialGuess(self._predict)
+        ts.getSNES().setForceIteration(True)  # a step that needs none has not moved
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
         ts.setMaxSNESFailures(-1)  # -pgran_step_min ends the repetition of a step
         ts.setMaxStepRejections(1000)
@@ -133,8 +134,7 @@ class Evolution:
     def first_step(self):
         """Return the first time step, 1/gdot0."""
         material, settings = self.form.material, self.settings
-        return settings.step_first or min(
-            settings.step_max, 0.1 * material.law.mu_s * material.pressure / material.G)
+        return settings.step_first or min(settings.step_max, 0.1 * material.loading_time)
 
     # What a step is solved with
 
@@ -154,13 +154,13 @@ class Evolution:
         if dt > 0.0 and not self.frozen:
             middle = self.velocity(state.local + 0.5 * dt * state.rate, state.x)
             x = state.x + dt * middle
-            stress = rotated(stress, dt * self.form.spin(middle, 0.5 * (state.x + x)))
+            stress = rheology.rotated(stress, dt * self.form.spin(middle, 0.5 * (state.x + x)))
             end = state.time + dt
         values = prescribed(self.form, end)
         rates = np.zeros_like(values)
         if end > state.time:
             rates = (values - prescribed(self.form, state.time)) / dt
-        theta = 1.0 / (self.form.material.G * dt) if dt > 0.0 else 0.0
+        theta = self.form.material.elastic_compliance(dt)
         self._attempts += 1
         self._dt, self._step = dt, Step(self.form, x, stress, theta, values, rates)
         return self._step
@@ -170,6 +170,8 @@ class Evolution:
         # but the TSPSEUDO of PETSc 3.26 starts each step's Newton method at the present one too.
         dt = ts.getTimeStep() if self._starting else time - ts.getTime()
         self._starting = False
+        if self._dt and abs(dt - self._dt) < 1e-9 * dt:  # the same but for rounding
+            dt = self._dt
         return self.step(dt)
 
     def _ifunction(self, ts, time, u, rate, f):
@@ -188,7 +190,7 @@ class Evolution:
     # Acceptance
 
     def solve(self):
-        """Run to the end; return the reason TS gives. Raises `StepError` where no step converges."""
+        """Run to the end. Raises `StepError` where no step converges, or no flow becomes steady."""
         u = self.grid.create_vector()
         self.grid.from_local(self.state.local, u)
         if not self.frozen:
@@ -196,13 +198,15 @@ class Evolution:
         try:
             self.ts.solve(u)
         except PETSc.Error as error:  # petsc4py 3.26 wraps what a callback raises, 3.18 does not
-            if isinstance(error.__cause__, StepError):
+            if isinstance(error.__cause__, (StepError, OptionError)):
                 raise error.__cause__ from None
             raise
-        reason = self.ts.getConvergedReason()
+        reason, reasons = self.ts.getConvergedReason(), PETSc.TS.ConvergedReason
         if reason < 0:
             raise StepError(f"TS stopped with reason {reason} at time {self._time:.6g}")
-        return reason
+        if self.frozen and reason in (reasons.CONVERGED_ITS, reasons.CONVERGED_TIME):
+            raise StepError(f"no steady flow within -ts_max_steps {self.ts.getMaxSteps()}: the "
+                            f"residual is {self.steady_residual():.3e} |sigma_1| d")
 
     def steady_residual(self):
         """Return the norm of the rigid-viscous residual (2.9)-(2.11) of the present state."""
@@ -235,8 +239,12 @@ class Evolution:
         self._committed = local, (local - state.local) / dt, step
         self.state = self._accepted(stress, dt)
         self._time, self._dt, self._attempts = ts.getTime(), None, 0
+        landed = bool(self.targets) and self.state.time >= self.targets[0] * (1.0 - 1e-12)
+        if landed:
+            self.state.time = self.targets.pop(0)
         snes, I = ts.getSNES(), self.form.inertial_number(local, step)
         self.observer(self, {
+            "landed": landed,  # on the next of the targets
             "step_size": dt,
             "newton_iterations": snes.getIterationNumber(),
             "linear_iterations": snes.getLinearSolveIterations(),
@@ -267,8 +275,6 @@ class Evolution:
 
     def _choose_step(self, dt, change):
         settings = self.settings
-        if self.targets and self.state.time >= self.targets[0] * (1.0 - 1e-12):
-            self.targets.pop(0)
         if not self.targets:
             self.ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
             return
@@ -304,32 +310,12 @@ class Evolution:
     def fields(self):
         """Return the nodal fields of the last state, {name: (..., n_nodes)}, as `Writer` takes them.
 
-        mu and sigma' are recovered from the Gauss points; I = g mu/s for NGF, I_loc(mu) for LI.
         Complete at owned nodes.
         """
-        grid, form = self.grid, self.form
         local, _, step = self._committed
-        _, fluidity, corner_pressure = grid.split(local)
-        pressure = form.corner_field(corner_pressure)
-        mu = form.at_nodes(form.stress_ratio(local, step))
-        s = np.sqrt(pressure) / form.material.root_density
-        if fluidity is None:
-            I = form.material.law.inertial_number(mu)[0]
-            fluidity = s * I / mu
-        else:
-            I = fluidity * mu / s
         return {"coordinates": self.state.x, "velocity": self.velocity(local, self.state.x),
-                "fluidity": fluidity, "pressure": pressure, "inertial_number": I,
-                "stress_ratio": mu,
-                "deviator": np.array([form.at_nodes(part) for part in self.state.stress])}
-
-
-def rotated(stress, angle):
-    """Return the deviator (3, ...), 11, 22, 12, turned counterclockwise by ``angle`` (...), rad."""
-    mean, half = (stress[0] + stress[1]) / 2.0, (stress[0] - stress[1]) / 2.0
-    cos, sin = np.cos(2.0 * angle), np.sin(2.0 * angle)
-    turned = half * cos - stress[2] * sin
-    return np.array([mean + turned, mean - turned, half * sin + stress[2] * cos])
+                **self.form.nodal_fields(local, step),
+                "deviator": np.array([self.form.at_nodes(part) for part in self.state.stress])}
 
 
 def frozen():

@@ -16,13 +16,13 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
-from . import rheology, stability  # noqa: E402
-from .options import OptionError  # noqa: E402
+from . import options, rheology, stability  # noqa: E402
 from .stability import BASE_FLOWS, Coefficients  # noqa: E402
+from .stability import PURE_SHEAR as PURE  # noqa: E402
 
-MU_S, MU_2, B, A, PHI = 0.3819, 0.6435, 0.9377, 0.48, 0.6
+_GLASS = options.read({})  # the paper's glass beads
+MU_S, MU_2, B, A, PHI = _GLASS.mu_s, _GLASS.mu_2, _GLASS.b, _GLASS.A, _GLASS.phi
 JOP, BINGHAM = rheology.Jop(MU_S, MU_2, B), rheology.Bingham(MU_S, B)
-PURE = stability.flow_direction(BASE_FLOWS["pure_shear"])
 
 
 #: Decay from slow (light, yet not the white of growth) to fast (dark).
@@ -51,6 +51,7 @@ def growth_map(axes, k1, k2, rate, levels):
 
 
 def label_wave_vectors(axes, title):
+    """Label the axes of a plane of wave vectors."""
     axes.set_xlabel(r"$\tilde k_1$")
     axes.set_ylabel(r"$\tilde k_2$")
     axes.set_title(title, fontsize=10)
@@ -70,7 +71,8 @@ def fig1(save):
         points = _spectra(Path("results") / f"spectra_{model}.csv")
         if points is not None:
             # In the colours of the contours: a point that agrees is seen by its rim alone.
-            computed = points["computed"] * (A**2 * PHI * 0.001**2 / float(coefficients.mu))
+            computed = points["computed"] / float(
+                stability.viscous_rate(coefficients.mu, A, PHI, 0.001))
             shades = GREYS(np.clip(1.0 + computed / 0.04, 0.0, 1.0))
             shades[computed > 0.0] = 1.0
             axes.scatter(points["k1"], points["k2"], s=26, zorder=3, c=shades,
@@ -109,9 +111,8 @@ def fig2(save):
     filled = left.contourf(rise, ratio, np.where(k_cut > 0.0, k_cut, np.nan),
                            levels=np.linspace(0.0, 1.0, 11), cmap="viridis", extend="max")
     # The boundary of the stable region is where the growth of long waves changes sign.
-    local = Coefficients.of(law, "li", ratio * law.I_0)
-    r, q = local.r_q(np.zeros_like(ratio))
-    left.contour(rise, ratio, q**2 - 4.0 * r * (1.0 - r), levels=[0.0], colors="black")
+    excess = stability.long_wave_excess(Coefficients.of(law, "li", ratio * law.I_0))
+    left.contour(rise, ratio, excess, levels=[0.0], colors="black")
     left.set(yscale="log", xlabel=r"$\mu_2 - \mu_s$", ylabel=r"$I^0/I_0$",
              title=r"(a) $\tilde k_{cut}$")
     figure.colorbar(filled, ax=left)
@@ -155,10 +156,9 @@ def fig8(save):
     for axes, I0, name in zip(panels, (0.001, 0.1), "ab"):
         coefficients = Coefficients.of(JOP, "ig", I0)
         rate = stability.pure_shear_growth(k1, k2, coefficients)
-        denominator = 1.0 - coefficients.r_q(k1**2 + k2**2)[1] * (
-            k1**2 - k2**2) / (k1**2 + k2**2)
-        # Growth without bound: positive in the limit of short waves, along the same direction.
         k = np.stack([k1, k2], axis=-1)
+        _, denominator = stability.tensor(k, PURE, *coefficients.r_q(k1**2 + k2**2))
+        # Growth without bound: positive in the limit of short waves, along the same direction.
         far = stability.asymptotic_tensor(k, PURE, coefficients)
         across = stability.transverse_basis(k)
         unbounded = (across @ far @ np.swapaxes(across, -1, -2))[..., 0, 0] > 0.0
@@ -204,7 +204,7 @@ def fig9(save):
     data, table = {}, []
     for axes, I0, name in zip(panels, (0.001, 1.0), "ab"):
         coefficients = Coefficients.of(JOP, "ngf", I0)
-        number = A**2 * PHI * I0**2 / float(coefficients.mu)
+        number = 1.0 / float(stability.viscous_rate(coefficients.mu, A, PHI, I0))
         size = 1.6 * float(stability.cutoff(coefficients))
         k1, k2 = plane(size, 401)
         k = np.stack([k1, k2], axis=-1)
@@ -233,14 +233,14 @@ def main(arguments):
     directory = Path("results/figures")
     if "-output" in arguments:
         place = arguments.index("-output")
-        directory = Path(arguments[place + 1]) if place + 1 < len(arguments) else directory
+        if place + 1 == len(arguments):
+            print("pgran.figures: error: -output: a directory is missing", file=sys.stderr)
+            return 1
+        directory = Path(arguments[place + 1])
         arguments = arguments[:place] + arguments[place + 2:]
-    try:
-        if not arguments or set(arguments) - set(FIGURES):
-            wrong = " ".join(sorted(set(arguments) - set(FIGURES))) or "no figure"
-            raise OptionError(f"{wrong}: allowed is {' '.join(FIGURES)}")
-    except OptionError as error:
-        print(f"pgran.figures: error: {error}", file=sys.stderr)
+    if not arguments or set(arguments) - set(FIGURES):
+        wrong = " ".join(sorted(set(arguments) - set(FIGURES))) or "no figure"
+        print(f"pgran.figures: error: {wrong}: allowed is {' '.join(FIGURES)}", file=sys.stderr)
         return 1
     directory.mkdir(parents=True, exist_ok=True)
     for name in arguments:

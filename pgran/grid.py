@@ -95,12 +95,13 @@ class Grid:
 
     def _partition(self):
         """Let a DMDA of the elements divide them; return the elements of each part, (x1, x2)."""
-        if self.comm.size > self.shape[0] * self.shape[1]:
-            raise OptionError(f"{self.comm.size} ranks are too many for "
-                              f"{self.shape[0]} x {self.shape[1]} elements")
-        cells = PETSc.DMDA().create(dim=2, dof=1, sizes=self.shape, stencil_width=0, comm=self.comm)
-        parts = cells.getOwnershipRanges()
-        parts = [np.array(part) for part in parts]
+        try:
+            cells = PETSc.DMDA().create(dim=2, dof=1, sizes=self.shape, stencil_width=0,
+                                        comm=self.comm)
+        except PETSc.Error:
+            raise OptionError(f"{self.comm.size} ranks are too many for {self.shape[0]} x "
+                              f"{self.shape[1]} elements, or do not divide them") from None
+        parts = [np.array(part) for part in cells.getOwnershipRanges()]
         cells.destroy()
         return parts
 
@@ -166,7 +167,8 @@ class Grid:
 
     def field_sets(self):
         """Return {name: index set} of the fields that solvers may split. Collective."""
-        start = self.create_vector().getOwnershipRange()[0]
+        # Owned unknowns are numbered in a row over the ranks.
+        start = self.comm.tompi4py().scan(self.n_owned) - self.n_owned
         n_flow = self.nodes.owned.size * self.dof
         flow = np.arange(start, start + n_flow, dtype=PETSc.IntType).reshape(-1, self.dof)
         sets = {"velocity": flow[:, :2].ravel()}

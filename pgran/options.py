@@ -9,9 +9,13 @@ stress |sigma_1|, times in 1/gdot0, the inverse of the target shear rate.
 import difflib
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 
 PREFIX = "pgran_"
+#: A case is a file in pgran/cases.
+CASES = tuple(sorted(path.stem for path in (Path(__file__).parent / "cases").glob("*.py")
+                     if path.stem != "__init__"))
 
 
 class OptionError(ValueError):
@@ -60,6 +64,7 @@ class Option:
         return " ".join([noun, " and ".join(bounds)]).strip()
 
     def refuse(self, value):
+        """Raise the `OptionError` of a value that is not allowed."""
         raise OptionError(f"-{PREFIX}{self.name} {value}: allowed is {self.allowed}")
 
     def parse(self, text):
@@ -102,7 +107,7 @@ def _positive(name, default, unit, meaning, equation="", **more):
 
 TABLE = (
     Option("case", "str", "biaxial", "", "the problem: domain, boundary conditions, start",
-           choices=("biaxial", "periodic")),
+           choices=CASES),
     Option("model", "str", "ngf", "", "rheology: non-local granular fluidity, local inertial, "
            "or inertial-number gradient (linear theory only)", "(2.3)-(2.8), (1.1), (5.1)",
            choices=("ngf", "li", "ig")),
@@ -209,6 +214,9 @@ def _resolve(settings):
         raise OptionError(f"-pgran_snapshots {_plain(settings.snapshots)}: none may lie beyond "
                           f"-pgran_compression {settings.compression}")
     settings.snapshots = tuple(sorted(set(settings.snapshots)))
+    if settings.step_first and settings.step_first < settings.step_min:
+        raise OptionError(f"-pgran_step_first {settings.step_first}: must not lie below "
+                          f"-pgran_step_min {settings.step_min}")
     if settings.step_min >= settings.step_max:
         raise OptionError(f"-pgran_step_min {settings.step_min}: must lie below "
                           f"-pgran_step_max {settings.step_max}")

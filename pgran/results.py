@@ -15,7 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from . import __version__
-from .options import OptionError
+from .options import OptionError, read
 from .rheology import material_of
 
 HISTORY = ("time", "compression", "top_stress", "step_size", "newton_iterations",
@@ -78,7 +78,7 @@ class Writer:
         return str(kept)
 
     def _open(self, mode):
-        return open_file(self.path, mode, self.comm)
+        return open_file(self.path, mode, self.comm, "output")
 
     def record(self, **values):
         """Add an accepted step to the history; `snapshot` and `flush` write it."""
@@ -127,12 +127,15 @@ class Writer:
                     data[...] = values
 
 
-def open_file(path, mode, comm):
-    """Open an HDF5 file on all ranks of an mpi4py communicator. Collective."""
+def open_file(path, mode, comm, option):
+    """Open the HDF5 file that an option names on all ranks of an mpi4py communicator. Collective.
+
+    Raises `OptionError` where h5py cannot do so.
+    """
     if comm.size == 1:
         return h5py.File(path, mode)
     if not h5py.get_config().mpi:
-        raise OptionError(f"-pgran_output {path}: {comm.size} ranks need an h5py built with MPI")
+        raise OptionError(f"-pgran_{option} {path}: {comm.size} ranks need an h5py built with MPI")
     return h5py.File(path, mode, driver="mpio", comm=comm)
 
 
@@ -185,25 +188,40 @@ def write_xdmf(path, shape, snapshots, fields):
     draft.replace(path.with_suffix(".xdmf"))
 
 
-def read_snapshot(path, number, lattice, comm):
-    """Return a snapshot at the local nodes of ``lattice``: attributes and {name: (..., n)}.
+#: Options that a snapshot must share with the run that starts from it.
+PHYSICS = ("case", "model", "law", "mu_s", "mu_2", "b", "A", "inertial_number", "width", "height",
+           "element_size", "imperfection", "body_force")
 
-    Raises `OptionError` where the file, the snapshot or its grid does not fit. Collective.
+
+def read_snapshot(settings, lattice, comm):
+    """Return the snapshot that ``-pgran_restart`` names: attributes, and {name: (..., n)}.
+
+    The fields are those of `Writer.snapshot` at the local nodes of ``lattice``. Raises
+    `OptionError` where the file, the snapshot, its grid or its physics does not fit.
+    Collective.
     """
+    path, number = settings.restart, settings.restart_snapshot
     try:
-        with open_file(path, "r", comm) as file:
+        with open_file(path, "r", comm, "restart") as file:
             names = sorted(file["snapshots"])
             if not -len(names) <= number < len(names):
                 raise OptionError(f"-pgran_restart_snapshot {number}: {path} holds {len(names)}")
             group = file["snapshots"][names[number]]
-            shape = group["fluidity"].shape
+            shape = group["deviator"].shape[:2]
             if shape != lattice.shape[::-1]:
                 raise OptionError(f"-pgran_restart {path}: its {shape[1]} x {shape[0]} nodes are "
                                   f"not the {lattice.shape[0]} x {lattice.shape[1]} of this grid")
+            theirs = read(dict(line[1:].split(" ", 1)
+                               for line in file.attrs["options"].splitlines()))
+            for name in PHYSICS:
+                if getattr(theirs, name) != getattr(settings, name):
+                    raise OptionError(f"-pgran_{name} {getattr(settings, name)}: {path} was made "
+                                      f"with {getattr(theirs, name)}")
             j0, j1 = lattice.j.min(), lattice.j.max() + 1
             i0, i1 = lattice.i.min(), lattice.i.max() + 1
-            fields = {name: np.moveaxis(data[j0:j1, i0:i1], (0, 1), (-2, -1)).reshape(
-                data.shape[2:] + (-1,)) for name, data in group.items()}
+            fields = {name: np.moveaxis(group[name][j0:j1, i0:i1], (0, 1), (-2, -1)).reshape(
+                group[name].shape[2:] + (-1,)) for name in (
+                    "coordinates", "velocity", "pressure", "fluidity", "deviator")}
             return dict(group.attrs), fields
     except (OSError, KeyError) as problem:
         raise OptionError(f"-pgran_restart {path}: cannot be read ({problem})") from None

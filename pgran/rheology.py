@@ -55,6 +55,7 @@ class Jop:
 
     @property
     def I_0(self):
+        """I_0 = (mu_2 - mu_s)/b."""
         return (self.mu_2 - self.mu_s) / self.b
 
     def stress_ratio(self, I):
@@ -120,6 +121,19 @@ class Material:
         return 1.0 / self.stress_ratio
 
     @property
+    def loading_time(self):
+        """mu_s P0/G, the time of elastic loading from rest to yield, in 1/gdot0."""
+        return self.law.mu_s * self.pressure / self.G
+
+    def elastic_compliance(self, dt):
+        """Return theta = 1/(G dt), in 1/|sigma_1| gdot0; 0, rigid, for a step of no length."""
+        return 1.0 / (self.G * dt) if dt > 0.0 else 0.0
+
+    def inverse_time(self, P):
+        """Return s = sqrt(P/(d^2 rho_s)), in gdot0, at pressures ``P``, |sigma_1|."""
+        return np.sqrt(P) / self.root_density
+
+    @property
     def root_density(self):
         """sqrt(d^2 rho_s), in sqrt(|sigma_1|)/gdot0."""
         return self.I0 * np.sqrt(self.pressure)
@@ -136,7 +150,7 @@ class Response:
 
     sigma' = 2 viscosity D~; ``source`` is F of the fluidity equation (None for
     LI); ``stress_ratio`` mu = tau/P; ``inertial_number`` I of the plastic rate
-    g mu. The suffixes name derivatives with respect to the effective rate
+    g mu; ``fluidity`` g. The suffixes name derivatives with respect to the effective rate
     gdot~, the pressure and the fluidity.
     """
 
@@ -145,6 +159,7 @@ class Response:
     viscosity_pressure: np.ndarray
     stress_ratio: np.ndarray
     inertial_number: np.ndarray
+    fluidity: np.ndarray
     viscosity_fluidity: object = 0.0
     source: object = None
     source_rate: object = None
@@ -152,14 +167,14 @@ class Response:
     source_fluidity: object = None
 
 
-def ngf(law, root_density, gdot, P, g, theta):
+def ngf(law, s, gdot, P, g, theta):
     """Non-local granular fluidity with the elastic return; a `Response`.
 
     With D~ = D + theta S/2 and gdot~ = sqrt(2 D~:D~) (argument ``gdot``):
     sigma' = 2 P/(g + theta P) D~, mu = gdot~/(g + theta P) and
-    F = (A^2 d^2/xi^2) (g - g_loc), g_loc = s I_loc(mu)/mu (2.5)-(2.8).
+    F = (A^2 d^2/xi^2) (g - g_loc), g_loc = s I_loc(mu)/mu (2.5)-(2.8). ``s`` is
+    `Material.inverse_time` at ``P``; all arrays have one shape.
     """
-    s = np.sqrt(P) / root_density
     total = 1.0 / (g + theta * P)
     mu = gdot * total
     I_loc, I_slope = law.inertial_number(mu)
@@ -176,19 +191,19 @@ def ngf(law, root_density, gdot, P, g, theta):
         viscosity_fluidity=-P * total**2,
         stress_ratio=mu,
         inertial_number=g * mu / s,
+        fluidity=g,
         source=stiffness * lag,
         source_rate=source_mu * total,
         source_pressure=-source_mu * theta * mu * total - stiffness * ratio * s / (2.0 * P),
         source_fluidity=stiffness - source_mu * mu * total)
 
 
-def li(law, root_density, gdot, P, theta):
+def li(law, s, gdot, P, theta):
     """Local inertial rheology with its closed-form elastic return; a `Response`.
 
     g = g_loc pointwise: s I_loc(mu) + theta P mu = gdot~ above yield, and
-    mu = gdot~/(theta P) below; sigma' = 2 (mu P/gdot~) D~.
+    mu = gdot~/(theta P) below; sigma' = 2 (mu P/gdot~) D~. Arguments as of `ngf`.
     """
-    s = np.sqrt(P) / root_density
     compliance = theta * P
     flowing = gdot > compliance * law.mu_s
     mu = np.where(flowing, law.elastic_stress_ratio(gdot, s, compliance), 0.0)
@@ -203,7 +218,16 @@ def li(law, root_density, gdot, P, theta):
         viscosity_rate=np.where(flowing, P * (mu_rate - mu / safe) / safe, 0.0),
         viscosity_pressure=np.where(flowing, (mu + P * mu_pressure) / safe, 0.0),
         stress_ratio=np.where(flowing, mu, gdot * elastic / P),
-        inertial_number=I)
+        inertial_number=I,
+        fluidity=np.where(flowing, s * I / np.where(flowing, mu, 1.0), 0.0))
+
+
+def rotated(stress, angle):
+    """Return the deviator (3, ...), 11, 22, 12, turned counterclockwise by ``angle`` (...), rad."""
+    mean, half = (stress[0] + stress[1]) / 2.0, (stress[0] - stress[1]) / 2.0
+    cos, sin = np.cos(2.0 * angle), np.sin(2.0 * angle)
+    turned = half * cos - stress[2] * sin
+    return np.array([mean + turned, mean - turned, half * sin + stress[2] * cos])
 
 
 def law_of(settings):

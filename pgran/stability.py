@@ -4,7 +4,10 @@
     python -m pgran.stability -cutoff [-base_flow pure_shear|simple_shear] [-convection] [-json]
 
 prints the growth rate of one wave vector, or the cut-off, the fastest-growing wave
-vector, the unstable directions and the critical inertial numbers.
+vector, the unstable directions and the critical inertial numbers. With -wave_vector,
+-convection adds the terms of (A 7), and -amplification [-end t] follows the wave vector
+as the flow turns it, to time t (1/gdot0): the largest ln(|v|/|v0|), when, and the last.
+-base_flow also takes L0 as 4 or 9 numbers, row by row, and then -wave_vector 2 or 3.
 
 Wave vectors are dimensionless, A d k (NGF, LI) or sqrt(nu_I) d k (IG), and growth
 rates those of the paper, A^2 d^2 phi rho_s lambda/eta0 (NGF, LI) or nu_I d^2 phi
@@ -73,6 +76,15 @@ class Coefficients:
         return (1.0 - self.nu) * x, self.mu * (1.0 - self.nu * x / 2.0)
 
 
+def viscous_rate(mu, A, phi, I0):
+    """Return eta0/(A^2 d^2 phi rho_s gdot0) = mu_loc/(A^2 phi I0^2).
+
+    The paper's growth rates times this are in units of gdot0; its inverse is the weight of
+    convection in (A 7).
+    """
+    return mu / (A**2 * phi * np.square(I0))
+
+
 def flow_direction(gradient):
     """Return N (n, n), symmetric, deviatoric and of unit norm, of a velocity gradient L0 (n, n).
 
@@ -95,11 +107,6 @@ def flow_direction(gradient):
 def limit_of_stress_ratio(N):
     """Return the bound of (3.19) on mu_loc(I0): 1/(sqrt(2) n_max), 1 for plane flow."""
     return 1.0 / (ROOT_2 * np.linalg.eigvalsh(N)[-1])
-
-
-def convective_number(material):
-    """Return A^2 phi I0^2/mu_loc(I0), the weight of convection in (A 7)."""
-    return material.A**2 * material.phi * material.I0**2 / material.stress_ratio
 
 
 def tensor(k, N, r, q, convection=0.0, gradient=None):
@@ -206,22 +213,44 @@ def asymptotic_tensor(k, N, coefficients):
     return factor[..., None, None] * left[..., :, None] * Nk[..., None, :] - identity
 
 
+#: N of pure shear (3.20).
+PURE_SHEAR = flow_direction(BASE_FLOWS["pure_shear"])
+
+
 # Extrema over wave vectors (NGF and LI): m = k^.N k^ = centre + y between the extreme
 # principal values of N, half of whose distance is ``reach``.
 
 def _extremes(N):
+    """Centre and half distance of the extreme principal values of N."""
     values = np.linalg.eigvalsh(N)
     return (values[-1] + values[0]) / 2.0, (values[-1] - values[0]) / 2.0
 
 
-def cutoff(coefficients, N=None):
+def _posed(coefficients, N, values):
+    """``values``, not numbers where mu_loc violates (3.19) and the criteria say nothing."""
+    return np.where(coefficients.mu < limit_of_stress_ratio(N), values, np.nan)
+
+
+def long_wave_excess(coefficients, N=PURE_SHEAR):
+    """Return q^2 + 8 r^2 reach^2 - 4 r (1 - sqrt(2) q centre) at |k| = 0.
+
+    Positive where some wave vector grows; in pure shear q^2 - 4 r (1 - r).
+    """
+    centre, reach = _extremes(N)
+    r, q = coefficients.r_q(np.zeros_like(coefficients.mu))
+    return q**2 + 8.0 * r**2 * reach**2 - 4.0 * r * (1.0 - ROOT_2 * q * centre)
+
+
+def cutoff(coefficients, N=PURE_SHEAR):
     """Return the cut-off wave number, 0 where all are stable and inf for unstable LI.
+
+    Not a number where (3.19) is violated. Raises `OptionError` for IG, which has none.
 
     The largest root x of 8 r^2 reach^2 + q^2 = 4 r (1 - sqrt(2) q centre), with r and
     q linear in x (see the module), gives |k|^2 = (1/x - 1)/(nu xi^2).
     """
-    centre, reach = _extremes(BASE_FLOWS["pure_shear"] * ROOT_2 if N is None else N)
     _no_ig(coefficients)
+    centre, reach = _extremes(N)
     mu, nu = coefficients.mu, coefficients.nu
     # r = r1 x, q = mu + q1 x
     r1, q1 = 1.0 - nu, -mu * nu / 2.0
@@ -230,9 +259,9 @@ def cutoff(coefficients, N=None):
     discriminant = b**2 - 4.0 * a * mu**2
     x = (-b + np.sqrt(np.maximum(discriminant, 0.0))) / (2.0 * a)
     unstable = (x < 1.0) | (discriminant < 0.0)
-    if coefficients.model == "li":
-        return np.where(unstable, np.inf, 0.0)
-    return np.where(unstable, np.sqrt(np.maximum(1.0 / x - 1.0, 0.0) / coefficients.spread), 0.0)
+    size = np.inf if coefficients.model == "li" else np.sqrt(
+        np.maximum(1.0 / x - 1.0, 0.0) / coefficients.spread)
+    return _posed(coefficients, N, np.where(unstable, size, 0.0))
 
 
 def _ridge(square, coefficients, centre, reach):
@@ -243,14 +272,14 @@ def _ridge(square, coefficients, centre, reach):
     return square * (4.0 * r * reach**2 / root - 1.0), p * reach**2 / root
 
 
-def fastest(coefficients, N=None, tolerance=1e-10):
+def fastest(coefficients, N=PURE_SHEAR, tolerance=1e-12):
     """Return wave number, growth rate and m = k^.N k^ of the fastest-growing wave vector.
 
-    Not numbers where all wave vectors are stable; LI grows without bound. The maximum
+    Not numbers where all wave vectors are stable, and for LI, which grows without bound.
+    Raises `OptionError` for IG. The maximum
     along the ridge of `_ridge` is the root of its slope, bisected to ``tolerance``.
     """
-    _no_ig(coefficients)
-    centre, reach = _extremes(BASE_FLOWS["pure_shear"] * ROOT_2 if N is None else N)
+    centre, reach = _extremes(N)
     top = cutoff(coefficients, N)
     low, high = np.zeros_like(top), np.where(np.isfinite(top), top, np.nan)**2
     unstable = np.isfinite(high) & (top > 0.0)
@@ -278,18 +307,18 @@ def _ridge_slope(square, coefficients, centre, reach):
             + square * 4.0 * reach**2 * (dr / root - r * droot / root**2))
 
 
-def unstable_directions(coefficients, N=None):
+def unstable_directions(coefficients, N=PURE_SHEAR):
     """Return the range (m_low, m_high) of k^.N k^ that is unstable for |k| -> 0.
 
     Roots of 2 r (reach^2 - y^2) - 1 + sqrt(2) q (centre + y), which bound the unstable
     directions of LI at any |k| and contain those of NGF. Not numbers where stable.
     """
     _no_ig(coefficients)
-    centre, reach = _extremes(BASE_FLOWS["pure_shear"] * ROOT_2 if N is None else N)
+    centre, reach = _extremes(N)
     r, q = coefficients.r_q(np.zeros_like(coefficients.mu))
     p, e = ROOT_2 * q, 1.0 - ROOT_2 * q * centre
     discriminant = p**2 + 8.0 * r * (2.0 * r * reach**2 - e)
-    root = np.sqrt(np.where(discriminant > 0.0, discriminant, np.nan))
+    root = _posed(coefficients, N, np.sqrt(np.where(discriminant > 0.0, discriminant, np.nan)))
     return centre + (p - root) / (4.0 * r), centre + (p + root) / (4.0 * r)
 
 
@@ -307,18 +336,14 @@ def direction_angle(m, N):
     return both.min(axis=0)
 
 
-def critical_inertial_numbers(law, I_range=(1e-6, 1e2), N=None):
+def critical_inertial_numbers(law, I_range=(1e-6, 1e2), N=PURE_SHEAR):
     """Return the inertial numbers at which instability of any wave vector begins or ends.
 
-    Sign changes of q^2 + 8 r^2 reach^2 - 4 r (1 - sqrt(2) q centre) at |k| = 0,
-    bracketed over ``I_range`` and bisected to relative 1e-12.
+    Sign changes of `long_wave_excess`, bracketed over ``I_range`` and bisected to
+    relative 1e-12.
     """
-    centre, reach = _extremes(BASE_FLOWS["pure_shear"] * ROOT_2 if N is None else N)
-
     def excess(I):
-        coefficients = Coefficients.of(law, "li", I)
-        r, q = coefficients.r_q(np.zeros_like(I))
-        return q**2 + 8.0 * r**2 * reach**2 - 4.0 * r * (1.0 - ROOT_2 * q * centre)
+        return long_wave_excess(Coefficients.of(law, "li", I), N)
 
     I = np.geomspace(*I_range, 2001)
     values = excess(I)
@@ -331,8 +356,7 @@ def critical_inertial_numbers(law, I_range=(1e-6, 1e2), N=None):
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     roots = np.sqrt(low * high)
     # Beyond mu_loc = 1 (3.19) the criterion says nothing.
-    return roots[law.stress_ratio(roots)[0] < limit_of_stress_ratio(
-        BASE_FLOWS["pure_shear"] * ROOT_2 if N is None else N)]
+    return roots[law.stress_ratio(roots)[0] < limit_of_stress_ratio(N)]
 
 
 def _no_ig(coefficients):
@@ -451,7 +475,8 @@ def largest_amplification(k, N, coefficients, gradient, convection, end, toleran
 def _command_line(arguments):
     """Split ``arguments`` into pgran's options and this command's; raises `OptionError`."""
     given, own = {}, {}
-    flags, values = {"cutoff", "convection", "json", "help"}, {"wave_vector", "base_flow"}
+    flags = {"cutoff", "convection", "amplification", "json", "help"}
+    values = {"wave_vector", "base_flow", "end"}
     position = 0
     while position < len(arguments):
         name = arguments[position].lstrip("-")
@@ -469,14 +494,41 @@ def _command_line(arguments):
     return given, own
 
 
-def _wave_vector(text):
+def read_numbers(name, text, counts):
+    """Return the numbers (n,) of a list; `OptionError` where n is not among ``counts``."""
     try:
-        k = np.array([float(part) for part in text.split(",")])
+        found = np.array([float(part) for part in text.split(",")])
     except ValueError:
-        k = np.empty(0)
-    if k.size != 2 or not np.isfinite(k).all() or not k.any():
-        raise OptionError(f"-wave_vector {text}: allowed is two numbers, not both zero")
+        found = np.empty(0)
+    if found.size not in counts or not np.isfinite(found).all():
+        raise OptionError(f"-{name} {text}: allowed is {' or '.join(map(str, counts))} numbers")
+    return found
+
+
+def read_wave_vector(text, dimension=2):
+    """Return the wave vector (dimension,) of a text; raises `OptionError` where it is not one."""
+    k = read_numbers("wave_vector", text, (dimension,))
+    if not k.any():
+        raise OptionError(f"-wave_vector {text}: allowed is any but the zero vector")
     return k
+
+
+def read_base_flow(text):
+    """Return L0/gdot0 (n, n) of a name of `BASE_FLOWS`, or of 4 or 9 numbers, row by row.
+
+    Raises `OptionError` where it is neither.
+    """
+    if text in BASE_FLOWS:
+        return BASE_FLOWS[text]
+    if any(letter.isalpha() and letter not in "eE" for letter in text):
+        raise OptionError(f"-base_flow {text}: allowed is {' | '.join(BASE_FLOWS)}, or 4 or 9 "
+                          "numbers")
+    found = read_numbers("base_flow", text, (4, 9))
+    size = 2 if found.size == 4 else 3
+    gradient = found.reshape(size, size)
+    flow_direction(gradient)  # refuses what is no base flow
+    D = (gradient + gradient.T) / 2.0
+    return gradient / (ROOT_2 * np.sqrt((D * D).sum()))
 
 
 def analyse(settings, own):
@@ -484,19 +536,17 @@ def analyse(settings, own):
     law = rheology.law_of(settings)
     coefficients = Coefficients.of(law, settings.model, settings.inertial_number)
     name = own.get("base_flow", "pure_shear")
-    if name not in BASE_FLOWS:
-        raise OptionError(f"-base_flow {name}: allowed is " + " | ".join(BASE_FLOWS))
-    gradient = BASE_FLOWS[name]
+    gradient = read_base_flow(name)
     N = flow_direction(gradient)
     limit = limit_of_stress_ratio(N)
     answer = {"model": settings.model, "law": settings.law, "base_flow": name,
               "inertial_number": settings.inertial_number,
               "stress_ratio": float(coefficients.mu), "stress_ratio_limit": float(limit),
               "well_posed_pressure": bool(coefficients.mu < limit)}
-    # eta0/(A^2 d^2 phi rho_s gdot0), the paper's growth rate in units of gdot0 (3.21)
-    rate = float(coefficients.mu) / (settings.A**2 * settings.phi * settings.inertial_number**2)
+    rate = float(viscous_rate(coefficients.mu, settings.A, settings.phi,
+                              settings.inertial_number))
     if "wave_vector" in own:
-        k = _wave_vector(own["wave_vector"])
+        k = read_wave_vector(own["wave_vector"], len(N))
         convection = 1.0 / rate if own.get("convection") else 0.0
         value = growth_rates(k, N, coefficients, convection,
                              gradient if own.get("convection") else None)[0]
@@ -505,6 +555,16 @@ def analyse(settings, own):
                       denominator=float(denominator), growth_rate=_number(value.real))
         if settings.model != "ig":
             answer["growth_rate_gdot0"] = _number(value.real * rate)
+        if own.get("amplification"):
+            end = float(read_numbers("end", own.get("end", "1"), (1,))[0])
+            if not end > 0.0:
+                raise OptionError(f"-end {own['end']}: allowed is a number > 0")
+            largest, when = largest_amplification(k, N, coefficients, gradient, 1.0 / rate,
+                                                  end * rate)
+            _, _, last = amplitude(k, N, coefficients, gradient, 1.0 / rate, end * rate)
+            answer.update(end=end, largest_log_amplification=largest,
+                          largest_amplification_time=when / rate,
+                          final_log_amplification=float(last[-1]))
     elif own.get("cutoff"):
         if own.get("convection"):
             raise OptionError("-convection: allowed with -wave_vector alone")

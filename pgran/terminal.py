@@ -21,6 +21,7 @@ class Terminal:
         self._mark = None
 
     def say(self, text):
+        """Print ``text`` on rank 0 unless the run is quiet."""
         if self.shown:
             print(text, flush=True)
 
@@ -30,7 +31,7 @@ class Terminal:
         ksp = snes.getKSP()
         pc = ksp.getPC()
         solver = pc.getFactorSolverType() if pc.getType() in ("lu", "cholesky") else None
-        unknowns = grid.dm.createGlobalVec().getSize()
+        unknowns = self.comm.tompi4py().allreduce(grid.n_owned)
         nx, ny = grid.shape
         self.say(
             f"pgran {__version__} on PETSc {'.'.join(map(str, PETSc.Sys.getVersion()))}: "
@@ -48,7 +49,8 @@ class Terminal:
         if self.detail == "brief" and mark == self._mark and now - self.last < 30.0:
             return
         self._mark, self.last = mark, now
-        left = f"  {(now - self.start) * (1.0 - done) / done:4.0f} s left" if done > 0.0 else ""
+        left = (f"  {(now - self.start) * max(1.0 - done, 0.0) / done:4.0f} s left"
+                if done > 0.0 else "")
         self.say(f"  {text}  step {number:4d}  dt {report['step_size']:.2e}  "
                  f"Newton {report['newton_iterations']:2d}  "
                  f"linear {report['linear_iterations']:4d}  "

@@ -137,6 +137,23 @@ class WeakForm:
             element.CORNER_AT_NODES @ corners[self.grid.element_corners])
         return nodal
 
+    def nodal_fields(self, local, step):
+        """Return ``fluidity``, ``pressure``, ``inertial_number`` and ``stress_ratio`` at the nodes.
+
+        Arrays (n_nodes,), complete at owned nodes. mu comes from the Gauss points by
+        `at_nodes`; for NGF g is nodal and I = g mu/s, for LI both come from the points too.
+        """
+        _, fluidity, corners = self.grid.split(local)
+        pressure = self.corner_field(corners)
+        mu = self.at_nodes(self.stress_ratio(local, step))
+        if self.nonlocal_:
+            I = fluidity * mu / self.material.inverse_time(pressure)
+        else:
+            fluidity, I = (self.at_nodes(self._collect(local, step, quantity)) for quantity in (
+                lambda p: p.response.fluidity, lambda p: p.response.inertial_number))
+        return {"fluidity": fluidity, "pressure": pressure, "inertial_number": I,
+                "stress_ratio": mu}
+
     # Residual
 
     def residual(self, local, rate, step):
@@ -237,10 +254,8 @@ class WeakForm:
 
     def create_pressure_mass(self):
         """Return an empty matrix for `pressure_mass`. Collective."""
-        vector = self.grid.corners.dm.createGlobalVec()
-        numbers = self.grid.corners.dm.getLGMap().indices
-        del vector
-        return _create_matrix(self.grid.comm, self._mass_sparsity, numbers)
+        return _create_matrix(self.grid.comm, self._mass_sparsity,
+                              self.grid.corners.dm.getLGMap().indices)
 
     def jacobian(self, local, shift, step, matrix):
         """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective."""
@@ -302,15 +317,24 @@ class WeakForm:
             put(("g", "P"), element.VALUE_CORNER, weight * response.source_pressure)
 
     def pressure_mass(self, local, step, matrix):
-        """Fill ``matrix`` with -(q, P/viscosity), close to the pressure Schur complement."""
+        """Fill ``matrix`` with -(q, P/viscosity), close to the pressure Schur complement. Collective.
+
+        Rows of prescribed pressures are those of the identity, as in the Jacobian.
+        """
         fixed = ~np.isnan(step.prescribed)
         local = np.where(fixed, step.prescribed, local)
         sparsity = self._mass_sparsity
         values = np.zeros(sparsity.size)
-        for number, batch in enumerate(self.batches):
-            p = self.points(local, step, batch)
-            entries = element.CORNER_CORNER @ (-p.geometry.weight / p.response.viscosity)
-            self._mass_scatter.add(number, entries, values)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            for number, batch in enumerate(self.batches):
+                p = self.points(local, step, batch)
+                entries = element.CORNER_CORNER @ (-p.geometry.weight / p.response.viscosity)
+                self._mass_scatter.add(number, entries, values)
+        owned = self.grid.corners.owned
+        row_of = owned[np.repeat(np.arange(owned.size), np.diff(sparsity.start))]
+        held = fixed[self.grid.n_flow:]
+        values[held[row_of] | held[sparsity.column]] = 0.0
+        values[held[row_of] & (row_of == sparsity.column)] = 1.0
         _fill(matrix, sparsity, self.grid.corners.dm.getLGMap().indices, values)
 
 
@@ -330,13 +354,13 @@ class _Points:
         self.gdot = np.sqrt(2.0 * (self.d11**2 + self.d22**2) + 4.0 * self.d12**2)
         self.P = element.CORNER_SHAPE @ nodal[-4:]
         self._nodes, self._x = form.grid.element_nodes[:, batch], step.x
-        law, density = form._law(batch), form.material.root_density
+        law, s = form._law(batch), form.material.inverse_time(self.P)
         if form.nonlocal_:
             self.nodal_g = nodal[18:27]
-            self.response = rheology.ngf(law, density, self.gdot, self.P,
+            self.response = rheology.ngf(law, s, self.gdot, self.P,
                                          element.SHAPE @ self.nodal_g, theta)
         else:
-            self.response = rheology.li(law, density, self.gdot, self.P, theta)
+            self.response = rheology.li(law, s, self.gdot, self.P, theta)
 
     @property
     def x(self):
@@ -388,15 +412,19 @@ def _create_matrix(comm, sparsity, global_number):
     matrix = PETSc.Mat().create(comm=comm)
     matrix.setType(PETSc.Mat.Type.AIJ)
     matrix.setSizes(((n_rows, None), (n_rows, None)))
-    indices = global_number[sparsity.column].astype(PETSc.IntType)
-    matrix.setPreallocationCSR((sparsity.start.astype(PETSc.IntType), indices,
-                                np.zeros(sparsity.size)))
+    matrix.setPreallocationCSR((*_places(sparsity, global_number), np.zeros(sparsity.size)))
     return matrix
+
+
+def _places(sparsity, global_number):
+    """Row starts and global columns as PETSc takes them."""
+    return (sparsity.start.astype(PETSc.IntType),
+            global_number[sparsity.column].astype(PETSc.IntType))
 
 
 def _fill(matrix, sparsity, global_number, values):
     matrix.zeroEntries()
-    matrix.setValuesCSR(sparsity.start.astype(PETSc.IntType),
-                        global_number[sparsity.column].astype(PETSc.IntType), values,
+    # Added, not inserted: a cell of two elements reaches a node from both sides.
+    matrix.setValuesCSR(*_places(sparsity, global_number), values,
                         addv=PETSc.InsertMode.ADD_VALUES)
     matrix.assemble()

@@ -18,11 +18,11 @@ def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
     """Run ``python arguments`` on ranks, at most ``limit`` seconds; return the finished process."""
     command = [sys.executable, *map(str, arguments)]
     if ranks:
-        command = ["mpiexec", "--oversubscribe", "-n", str(ranks), *command]
+        command = ["mpiexec", "-n", str(ranks), *command]
     environment = {key: value for key, value in os.environ.items()
                    if not key.startswith(("OMPI_", "PMIX_", "PRTE_"))}
     environment.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
-                       OMP_NUM_THREADS="1", PYTHONPATH=str(ROOT))
+                       OMPI_MCA_rmaps_base_oversubscribe="1", OMP_NUM_THREADS="1", PYTHONPATH=str(ROOT))
     done = subprocess.run(command, cwd=ROOT, env=environment, timeout=limit,
                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     if check and done.returncode:

@@ -80,3 +80,26 @@ def test_help_prints_the_table():
 
 def test_options_table_of_the_readme_is_current():
     assert options.markdown_table() in (ROOT / "README.md").read_text()
+
+
+def test_the_command_line_wins_over_the_options_file():
+    from pgran.__main__ import file_first
+
+    assert file_first(["pgran", "-a", "1", "-options_file", "x.opts", "-b"]) == [
+        "pgran", "-options_file", "x.opts", "-a", "1", "-b"]
+    assert file_first(["pgran", "-options_file"]) == ["pgran", "-options_file"]
+
+
+def test_too_many_ranks_are_refused(tmp_path):
+    done = run_ranks(3, "-m", "pgran", "-pgran_output", tmp_path / "x.h5", "-pgran_width", 2,
+                     "-pgran_height", 4, limit=60, check=False)
+    assert done.returncode == 1
+    assert "3 ranks are too many for 1 x 2 elements" in done.stderr
+
+
+def test_a_case_is_one_new_file(tmp_path):
+    code = ("import pathlib, sys, pgran; "
+            "root = pathlib.Path(sys.argv[1]); "
+            "import pgran.options as o; print(o.CASES)")
+    assert run_ranks(0, "-c", code, tmp_path).stdout.strip() == str(
+        tuple(sorted(p.stem for p in (ROOT / "pgran/cases").glob("*.py") if p.stem[0] != "_")))

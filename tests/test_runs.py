@@ -105,12 +105,31 @@ def test_terminal_says_what_is_solved_and_does_not_flood(biaxial):
     assert len(text.splitlines()) < 70
 
 
-def test_fields_do_not_depend_on_the_ranks(tmp_path):
+@pytest.mark.parametrize("file, more", [
+    ("direct.opts", ()), ("biaxial.opts", ("-ts_max_steps", 12)),
+    ("direct.opts", ("-pgran_model", "li", "-pgran_shear_modulus", 200, *SMALL)),
+    ("direct.opts", ("-pgran_inertia", "true", "-pgran_law", "jop", *SMALL))],
+    ids=["direct", "fieldsplit", "li", "inertia"])
+def test_fields_do_not_depend_on_the_ranks(tmp_path, file, more):
     paths = [tmp_path / f"{ranks}.h5" for ranks in (1, 2, 3)]
     for ranks, path in zip((1, 2, 3), paths):
-        pgran(ranks, "direct.opts", path, "-ts_max_steps", 16)
+        pgran(ranks, file, path, "-ts_max_steps", 16, *more)
     for path in paths[1:]:
         assert max(differences(paths[0], path).values()) < 1e-8
+
+
+@pytest.mark.parametrize("law, model, modulus", [("jop", "ngf", 1000), ("bingham", "li", 200),
+                                                 ("jop", "li", 200)])
+def test_both_laws_and_models_follow_the_deformation(tmp_path, law, model, modulus):
+    path = tmp_path / "short.h5"
+    pgran(2, "direct.opts", path, *SMALL, "-pgran_law", law, "-pgran_model", model,
+          "-pgran_shear_modulus", modulus, "-pgran_compression", 0.004, "-pgran_snapshots", 0.004)
+    _, fields = snapshot(path)
+    assert all(np.isfinite(values).all() for values in fields.values())
+    assert fields["inertial_number"].max() == pytest.approx(0.001, rel=2.0)
+    area = measure.node_areas(fields["coordinates"])
+    assert area.sum() == pytest.approx(40.0 * 120.0, rel=1e-4)  # incompressible
+    assert (fields["inertial_number"] * area).sum() / area.sum() == pytest.approx(0.001, rel=0.1)
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
@@ -142,7 +161,7 @@ def test_inertial_flow_stays_homogeneous(tmp_path):
 def test_steady_flow_satisfies_the_rigid_viscous_equations(biaxial, tmp_path, restart):
     path = tmp_path / "steady.h5"
     more = ("-pgran_restart", biaxial[0], "-pgran_restart_snapshot", 0) if restart else ()
-    done = pgran(2, "steady.opts", path, *more)
+    done = pgran(3 if restart else 2, "steady.opts", path, *more)
     with h5py.File(path) as file:
         assert file.attrs["steady_residual"] < 1e-8
     assert "rigid-viscous equations (2.9)-(2.11) hold" in done.stdout
@@ -152,6 +171,49 @@ def test_steady_flow_satisfies_the_rigid_viscous_equations(biaxial, tmp_path, re
         assert row["angle"] == pytest.approx(measure.measure(biaxial[0])[0]["angle"], abs=1.0)
         np.testing.assert_array_equal(snapshot(path)[1]["coordinates"],
                                       snapshot(biaxial[0], 0)[1]["coordinates"])
+
+
+def test_steady_flow_is_not_claimed_before_it_is_steady(tmp_path):
+    path = tmp_path / "early.h5"
+    done = pgran(2, "steady.opts", path, *SMALL, "-ts_max_steps", 1, check=False)
+    assert done.returncode == 1
+    assert "no steady flow within -ts_max_steps 1: the residual is" in done.stderr
+    assert "hold to a residual" not in done.stdout
+    with h5py.File(path) as file:
+        assert not file.attrs.get("complete", False) and len(file["snapshots"]) == 1
+
+
+@pytest.mark.parametrize("option, value", [("inertial_number", 0.002), ("law", "jop")])
+def test_steady_flow_is_refused_a_snapshot_of_other_physics(biaxial, tmp_path, option, value):
+    done = pgran(3, "steady.opts", tmp_path / "x.h5", "-pgran_restart", biaxial[0],
+                 f"-pgran_{option}", value, check=False)
+    assert done.returncode == 1
+    assert f"-pgran_{option} {value}: {biaxial[0]} was made with" in done.stderr
+
+
+def test_one_failing_rank_ends_them_all(tmp_path):
+    code = """
+import sys
+from pgran import weakform
+from pgran.__main__ import main
+from mpi4py import MPI
+solid = weakform.WeakForm.jacobian
+def fail(self, *arguments):
+    if MPI.COMM_WORLD.rank == 1:
+        raise MemoryError("no more memory")
+    return solid(self, *arguments)
+weakform.WeakForm.jacobian = fail
+sys.exit(main(sys.argv))
+"""
+    done = run_ranks(2, "-c", code, "-options_file", ROOT / "options" / "direct.opts", *SMALL,
+                     "-pgran_output", tmp_path / "x.h5", limit=60, check=False)
+    assert done.returncode != 0 and "no more memory" in done.stderr
+
+
+def test_names_with_blanks_are_kept(tmp_path):
+    path = tmp_path / "my results" / "run.h5"
+    pgran(2, "direct.opts", path, *SMALL, "-ts_max_steps", 1)
+    assert path.exists() and path.with_suffix(".xdmf").exists()
 
 
 def test_steady_flow_is_refused_a_snapshot_of_another_grid(biaxial, tmp_path):

@@ -20,11 +20,12 @@ def random_flow(rng, n):
     return L - np.trace(L) / n * np.eye(n)
 
 
-def unreduced_growth(k, N, coefficients, xi_square=None):
+def unreduced_growth(k, N, coefficients, xi_square=None, convection=0.0, gradient=None):
     """Growth rates from the generalised problem of (3.8)-(3.10) or, with IG, (C 8), (3.8).
 
     Unknowns v, P, g in units with eta0 = gdot0 = 1, so P0 = 1/mu and A^2 d^2 phi rho_s = 1:
-    lambda B u = C u with B = 1 for v alone.
+    lambda B u = C u with B = 1 for v alone. With convection, (A 2) along the turning wave
+    vector: -c L v, and k.v = 0 kept by k.dv/dt = -v.dk/dt = c v.L^T k, dk/dt = -c L^T k.
     """
     n, mu, nu = k.size, float(coefficients.mu), float(coefficients.nu)
     square, Nk = k @ k, N @ k
@@ -45,6 +46,17 @@ def unreduced_growth(k, N, coefficients, xi_square=None):
         C[:n, n] = 1j * (-k + root * mu * (1.0 - nu / 2.0 - non_local / 2.0) * Nk)
         C[:n, :n] += 2.0 * (1.0 - nu - non_local) * np.outer(Nk, Nk)
     C[n, :n] = 1j * k
+    if gradient is not None:
+        # Eliminate P by the kept constraint, the rest by hand: k.(C v + p P) = c (L^T k).v.
+        C[:n, :n] -= convection * gradient
+        if model == "ngf":
+            share = -C[n + 1, :] / C[n + 1, n + 1]
+            C[:n, :n] += np.outer(C[:n, n + 1], share[:n])
+            C[:n, n] += C[:n, n + 1] * share[n]
+        row = (convection * gradient.T @ k - k @ C[:n, :n]) / (k @ C[:n, n])
+        A = C[:n, :n] + np.outer(C[:n, n], row)
+        basis = stability.transverse_basis(k)
+        return np.linalg.eigvals(basis @ A @ basis.T)
     # Shift and invert turns the infinite eigenvalues of the constraints into zeros.
     shift = 0.37 * square + 1.0
     inverse = np.linalg.eigvals(np.linalg.solve(C - shift * B, B))
@@ -75,6 +87,23 @@ def test_growth_is_that_of_the_unreduced_equations(model, name, dimension):
         found = stability.growth_rates(k, N, coefficients)
         np.testing.assert_allclose(found.real, expected, rtol=1e-9, atol=1e-9 * (k @ k))
         done += 1
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("model", ["ngf", "li", "ig"])
+def test_convective_growth_is_that_of_the_unreduced_equations(model, dimension):
+    rng = np.random.default_rng(dimension)
+    for _ in range(40):
+        coefficients = Coefficients.of(LAWS["jop"], model, 10.0**rng.uniform(-3, 0))
+        gradient = random_flow(rng, dimension)
+        N, k = stability.flow_direction(gradient), rng.standard_normal(dimension)
+        number = rng.uniform(0.0, 1.0)
+        xi_square = 1.0 / LAWS["jop"].inverse_length_squared(coefficients.mu)[0]
+        expected = unreduced_growth(k, N, coefficients, xi_square, number, gradient)
+        found = stability.growth_rates(k, N, coefficients, number, gradient)
+        scale = np.abs(expected).max()
+        for value in expected:
+            assert np.abs(found - value).min() < 1e-8 * scale
 
 
 def test_pure_shear_form_is_the_tensor():
@@ -132,6 +161,12 @@ def test_cutoff_and_fastest_mode_are_extrema_over_wave_vectors(name, I0):
         return stability.growth_rates(square_root * direction, PURE, coefficients).max()
 
     assert largest(k_cut * (1.0 - 1e-4)) > 0.0 > largest(k_cut * (1.0 + 1e-4))
+    ridge = [stability._ridge(square, coefficients, 0.0, np.sqrt(0.5))[0]
+             for square in (k_cut**2 * (1.0 - 1e-8), k_cut**2 * (1.0 + 1e-8))]
+    assert ridge[0] > 0.0 > ridge[1]
+    slopes = [stability._ridge_slope(np.square(size) * e, coefficients, 0.0, np.sqrt(0.5))
+              for e in (1.0 - 1e-8, 1.0 + 1e-8)]
+    assert slopes[0] > 0.0 > slopes[1]
     assert largest(size) == pytest.approx(rate, rel=1e-5)
     for other in (0.99, 1.01):
         assert largest(size * other) < rate
@@ -179,6 +214,13 @@ def test_parameter_planes_take_seconds():
     k_cut = stability.cutoff(Coefficients.of(law, "ngf", ratio * law.I_0))
     assert k_cut.shape == (200, 200) and np.isfinite(k_cut).all()
     assert (k_cut == 0.0).any() and (k_cut > 0.0).any()
+
+
+def test_beyond_3_19_the_criteria_say_nothing():
+    coefficients = Coefficients.of(LAWS["bingham"], "ngf", np.array([0.5, 1.0]))
+    assert (coefficients.mu > 1.0).tolist() == [False, True]
+    for answer in (stability.cutoff(coefficients), stability.fastest(coefficients)[1]):
+        assert np.isnan(answer[1])
 
 
 def test_vanishing_denominators_are_reported_not_computed():
@@ -235,18 +277,36 @@ def test_amplitude_in_three_dimensions_is_that_in_the_plane():
     number, k = 0.05, np.array([0.3, 0.2])
     wide = np.zeros((3, 3))
     wide[:2, :2] = gradient
-    plane = stability.amplitude(k, PURE, coefficients, gradient, number, 10.0)[2][-1]
     path = stability.turning_wave_vector(np.append(k, 0.0), wide, number, np.array([10.0]))
     np.testing.assert_allclose(path[0], [k[0] * np.exp(-0.25), k[1] * np.exp(0.25), 0.0])
-    space = stability.amplitude(np.append(k, 0.0), stability.flow_direction(wide), coefficients,
-                                wide, number, 10.0)[2][-1]
-    # In space the fastest mode may leave the plane, and then grows more.
-    assert space == pytest.approx(plane, rel=1e-6) or space > plane
+    # By the classical Runge-Kutta scheme from the same mode.
+    N, k = stability.flow_direction(wide), np.append(k, 0.1)
+    _, _, logarithm = stability.amplitude(k, N, coefficients, wide, number, 10.0)
+    v = stability.modes(k, N, coefficients, number, wide)[1][0].real
+
+    def slope(t, v):
+        turned = stability.turning_wave_vector(k, wide, number, np.array([t]))[0]
+        return stability.tensor(turned, N, *coefficients.r_q(turned @ turned), number,
+                                wide)[0] @ v
+
+    v, h = v / np.linalg.norm(v), 10.0 / 400
+    for n in range(400):
+        t = n * h
+        a = slope(t, v)
+        b = slope(t + h / 2, v + h / 2 * a)
+        c = slope(t + h / 2, v + h / 2 * b)
+        v = v + h / 6 * (a + 2 * b + 2 * c + slope(t + h, v + h * c))
+    assert logarithm[-1] == pytest.approx(np.log(np.linalg.norm(v)), abs=1e-7)
+    # The perturbation stays transverse.
+    assert abs(v @ stability.turning_wave_vector(k, wide, number, np.array([10.0]))[0]) < 1e-9
 
 
 @pytest.mark.parametrize("arguments, message", [
     (["-wave_vector", "0,0"], "-wave_vector 0,0"),
-    (["-wave_vector", "1"], "-wave_vector 1"),
+    (["-wave_vector", "1"], "-wave_vector 1: allowed is 2 numbers"),
+    (["-cutoff", "-base_flow", "1,0,0,1"], "divergence"),
+    (["-cutoff", "-base_flow", "1,0"], "-base_flow 1,0: allowed is 4 or 9 numbers"),
+    (["-wave_vector", "1,1", "-amplification", "-end", "0"], "-end 0: allowed is a number > 0"),
     (["-cutoff", "-pgran_mu_s", "0"], "-pgran_mu_s 0: allowed is a number > 0"),
     (["-cutoff", "-pgran_law", "jop", "-pgran_mu_2", "0.2"], "-pgran_mu_2 0.2: must exceed"),
     (["-cutoff", "-pgran_inertial_number", "-1"], "-pgran_inertial_number -1: allowed"),
@@ -276,6 +336,20 @@ def test_command_answers_in_json():
     text = run_ranks(0, "-m", "pgran.stability", "-wave_vector", "0.0648,0.0530", "-json",
                      limit=30).stdout
     assert json.loads(text)["growth_rate"] == pytest.approx(1.283e-4, rel=1e-3)
+
+
+def test_command_takes_any_base_flow_and_follows_the_turning_wave_vector(capsys):
+    shear = ["-wave_vector", "0.0837,0.0084", "-pgran_law", "jop", "-json"]
+    answers = []
+    for flow in ("simple_shear", "0,2,0,0"):
+        assert stability.main([*shear, "-base_flow", flow, "-amplification"]) == 0
+        answers.append(json.loads(capsys.readouterr().out))
+    assert answers[0]["growth_rate"] == pytest.approx(answers[1]["growth_rate"])
+    assert answers[0]["largest_log_amplification"] == pytest.approx(16.29, abs=0.01)
+    assert answers[0]["final_log_amplification"] < -1e4
+    assert stability.main(["-cutoff", "-base_flow", "1,0,0,0,-0.5,0,0,0,-0.5", "-json"]) == 0
+    assert json.loads(capsys.readouterr().out)["stress_ratio_limit"] == pytest.approx(
+        np.sqrt(3.0) / 2.0)
 
 
 def test_theory_imports_neither_petsc_nor_mpi():
