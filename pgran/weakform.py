@@ -412,7 +412,16 @@ def _create_matrix(comm, sparsity, global_number):
     matrix = PETSc.Mat().create(comm=comm)
     matrix.setType(PETSc.Mat.Type.AIJ)
     matrix.setSizes(((n_rows, None), (n_rows, None)))
-    matrix.setPreallocationCSR((*_places(sparsity, global_number), np.zeros(sparsity.size)))
+    ranks = comm.tompi4py()
+    last, size = ranks.scan(n_rows), ranks.allreduce(n_rows)
+    columns = global_number[sparsity.column]
+    here = np.add.reduceat((last - n_rows <= columns) & (columns < last), sparsity.start[:-1],
+                           dtype=int)
+    # A cell of two elements reaches a node from both sides, and counts it twice.
+    there = np.minimum(np.diff(sparsity.start) - here, size - n_rows)
+    matrix.setPreallocationNNZ((np.minimum(here, n_rows).astype(PETSc.IntType),
+                                there.astype(PETSc.IntType)))
+    _fill(matrix, sparsity, global_number, np.zeros(sparsity.size))
     return matrix
 
 
@@ -424,7 +433,7 @@ def _places(sparsity, global_number):
 
 def _fill(matrix, sparsity, global_number, values):
     matrix.zeroEntries()
-    # Added, not inserted: a cell of two elements reaches a node from both sides.
+    # Added, not inserted, for the sake of that cell.
     matrix.setValuesCSR(*_places(sparsity, global_number), values,
                         addv=PETSc.InsertMode.ADD_VALUES)
     matrix.assemble()
