@@ -124,7 +124,7 @@ def fig2(save):
                ylim=(0, None), title="(b)")
 
     critical = float(B * stability.critical_inertial_numbers(BINGHAM)[0])
-    bI = np.unique(np.concatenate([np.geomspace(1e-4, 1.0 - MU_S, 600),
+    bI = np.unique(np.concatenate([np.geomspace(1e-4, (1.0 - MU_S) * (1.0 - 1e-9), 600),
                                    critical * (1.0 - np.geomspace(1e-8, 0.3, 200)), [critical]]))
     bingham = stability.cutoff(Coefficients.of(BINGHAM, "ngf", bI / B))
     right.plot(bI, bingham, "k")
