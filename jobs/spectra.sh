@@ -33,6 +33,24 @@ print(f'  $number  $law  {row[\"computed\"]:.8g}  {row[\"analytic\"]:.8g}  {row[
     done
 done
 
+echo "== one wave vector each: model, I0, wave vector, computed, analytic, relative error (Jop law)"
+one() {
+    local target
+    target=$(.venv/bin/python -m pgran.stability -pgran_law jop -pgran_model "$1" \
+        -pgran_inertial_number "$2" -wave_vector "$3" -json | .venv/bin/python -c \
+        "import json, sys; print(0.999 * json.load(sys.stdin)['growth_rate_gdot0'])")
+    eigen -pgran_law jop -pgran_model "$1" -pgran_inertial_number "$2" -wave_vector "$3" \
+        -target "$target" -pgran_cell_elements 32 -eps_nev 2 -json | .venv/bin/python -c "
+import json, sys
+rows = json.load(sys.stdin)
+row = min(rows, key=lambda row: abs(row['analytic'] * 0.999 - $target))
+print(f'  $1  $2  $3  {row[\"computed\"]:.8g}  {row[\"analytic\"]:.8g}  {row[\"relative_error\"]:.2e}')"
+}
+for model in ngf li; do
+    for number in 1e-4 1e-3 1e-2 0.1 1; do one "$model" "$number" 0.10,0.03; done
+done
+for vector in 0.0325,0.0265 0.065,0.053 0.13,0.106 0.26,0.212; do one li 1e-3 "$vector"; done
+
 echo "== the specimen on its frozen initial mesh: I0, L (d), element (d), modes found to grow, leading ones"
 specimen() {
     eigen -pgran_case biaxial -pgran_inertial_number "$1" -pgran_width "$2" \

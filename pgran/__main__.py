@@ -147,8 +147,9 @@ def run(settings, comm):
         terminal.say(f"  steady: the rigid-viscous equations (2.9)-(2.11) hold to a residual of "
                      f"{residual:.2e} |sigma_1| d")
     elif not complete:
-        terminal.say(f"  stopped by PETSc's options at {100 * case.compression(evolution.state.time):.4g}"
-                     f" % of {100 * settings.compression:g} %")
+        reached = 100 * case.compression(evolution.state.time)
+        terminal.say(f"  stopped by PETSc's options at {reached:.4g} % of "
+                     f"{100 * settings.compression:g} %")
     terminal.closing(writer, evolution)
 
 

@@ -138,7 +138,8 @@ def spectrum(settings, own, comm, write=False, say=lambda *_: None):
 
     Keys ``computed`` (real part) and ``imaginary``, gdot0; ``analytic`` and
     ``relative_error`` (None without theory); ``residual`` as `residual` tells;
-    ``harmonic`` (m1, m2) of the mode and its ``share`` of the mode's power. ``write`` leaves the first mode as
+    ``harmonic`` (m1, m2) of the mode and its ``share`` of the mode's power; ``target``, where
+    it was sought. ``write`` leaves the first mode as
     HDF5, XDMF and a picture. Raises `OptionError`. Collective.
     """
     settings = Settings(**{**vars(settings), "inertia": True, "imperfection": 1.0})
@@ -288,7 +289,7 @@ def name_of(form, mode):
     from mpi4py import MPI
 
     grid = form.grid
-    nodes, (nx, ny) = grid.nodes, grid.nodes.shape
+    nodes = grid.nodes
     velocity = mode[:grid.n_flow].reshape(-1, grid.dof)[nodes.owned, :2]
     first, second = (np.exp(-2j * np.pi * np.outer(np.arange(-n, n + 1), index) / (2 * n))
                      for n, index in zip(grid.shape, (nodes.i[nodes.owned], nodes.j[nodes.owned])))
@@ -368,7 +369,8 @@ def sweep(settings, own, comm, say):
     if comm.rank == 0:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("\n".join(lines) + "\n")
-    say(f"  {len(lines) - 1} wave vectors of {count**2}, largest relative error {worst:.2e}: {path}")
+    say(f"  {len(lines) - 1} wave vectors of {count**2}, largest relative error {worst:.2e}: "
+        f"{path}")
 
 
 if __name__ == "__main__":

@@ -79,7 +79,7 @@ def steady_start(form):
 
 
 class Evolution:
-    """Steps a case through time with TS. All methods are collective.
+    """Steps a case through time with TS. Making, solving and asking for results are collective.
 
     Parameters: ``form`` `weakform.WeakForm`, ``settings`` `options.Settings`,
     ``state`` the initial `State`, ``targets`` the times to land on exactly, in
@@ -139,12 +139,15 @@ class Evolution:
     # What a step is solved with
 
     def velocity(self, local, x):
-        """Return the velocity (2, n_nodes) of material at the nodes, base flow included."""
+        """Return the velocity (2, n_nodes) of material at the nodes with the base flow, d gdot0."""
         return self.grid.split(local)[0] + self.case.base_gradient @ x
 
     def step(self, dt):
-        """Return the `Step` of size ``dt``; 0 gives the rigid-viscous equations as they stand."""
-        if dt == self._dt:
+        """Return the `Step` of size ``dt``; 0 gives the rigid-viscous equations as they stand.
+
+        Raises `StepError` below ``-pgran_step_min``, to which failed steps have then shrunk.
+        """
+        if self._dt is not None and abs(dt - self._dt) <= 1e-9 * dt:  # equal but for rounding
             return self._step
         state = self.state
         x, stress, end = state.x, state.stress, state.time
@@ -170,8 +173,6 @@ class Evolution:
         # but the TSPSEUDO of PETSc 3.26 starts each step's Newton method at the present one too.
         dt = ts.getTimeStep() if self._starting else time - ts.getTime()
         self._starting = False
-        if self._dt and abs(dt - self._dt) < 1e-9 * dt:  # the same but for rounding
-            dt = self._dt
         return self.step(dt)
 
     def _ifunction(self, ts, time, u, rate, f):
@@ -271,7 +272,7 @@ class Evolution:
         before = self.velocity(state.local, state.x)[:, owned]
         largest = [self.comm.allreduce(np.abs(part).max(), MPI.MAX)
                    for part in (now - before, now, stress - state.stress)]
-        return max(largest[0] / largest[1], largest[2] / (material.law.mu_s * material.pressure))
+        return max(largest[0] / largest[1], largest[2] / material.yield_stress)
 
     def _choose_step(self, dt, change):
         settings = self.settings
@@ -308,7 +309,7 @@ class Evolution:
         return force / (right - self.comm.allreduce(x.min(initial=np.inf), MPI.MIN))
 
     def fields(self):
-        """Return the nodal fields of the last state, {name: (..., n_nodes)}, as `Writer` takes them.
+        """Return the nodal fields of the last state, {name: (..., n_nodes)}, for `Writer.snapshot`.
 
         Complete at owned nodes.
         """

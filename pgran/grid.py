@@ -217,7 +217,7 @@ class Sparsity:
         self.size = int(n_entries)
 
     def _column_numbers(self, lattice, reach):
-        """For each owned point, candidate local columns (n, m), which are used, and block widths."""
+        """For each owned point: candidate local columns (n, m), which are used, block widths."""
         numbers, used, widths = [], [], []
         offset = 0
         owned = lattice.owned

@@ -30,21 +30,26 @@ def surface(coordinates, fields):
 
 
 def draw(path, grid, name, limits, title, bar=""):
-    """Write a picture of the field ``name`` of a plane grid to ``path``."""
-    plotter = pyvista.Plotter(off_screen=True, window_size=(560, 1000))
+    """Write a picture of the field ``name`` of a plane grid to ``path``, bar at the right."""
+    x0, x1, y0, y1, _, _ = grid.bounds
+    left, right, above = 40, 180, 60  # margins in pixels
+    pixel = max((x1 - x0) / 1200.0, (y1 - y0) / 880.0)
+    size = [int(round((x1 - x0) / pixel)) + left + right, int(round((y1 - y0) / pixel)) + 2 * above]
+    plotter = pyvista.Plotter(off_screen=True, window_size=size)
     plotter.set_background("white")
     plotter.add_mesh(grid, scalars=name, clim=limits, cmap="viridis", lighting=False,
                      scalar_bar_args={"title": bar, "color": "black", "vertical": True,
-                                      "position_x": 0.80, "position_y": 0.25, "height": 0.5,
-                                      "width": 0.07, "fmt": "%.1e", "n_labels": 5,
-                                      "title_font_size": 22, "label_font_size": 16})
-    plotter.add_text(title, position="upper_edge", font_size=11, color="black")
-    x0, x1, y0, y1, _, _ = grid.bounds
+                                      "position_x": 1.0 - 0.85 * right / size[0],
+                                      "position_y": 0.25, "height": 0.5, "width": 40 / size[0],
+                                      "fmt": "%.1e", "n_labels": 5, "title_font_size": 22,
+                                      "label_font_size": 16})
+    plotter.add_text(title, position="upper_edge", font_size=10, color="black")
     plotter.view_xy()
     plotter.enable_parallel_projection()
-    plotter.camera.focal_point = (x0 + 0.62 * (x1 - x0), (y0 + y1) / 2.0, 0.0)
-    plotter.camera.position = (x0 + 0.62 * (x1 - x0), (y0 + y1) / 2.0, 1.0)
-    plotter.camera.parallel_scale = 0.56 * (y1 - y0)
+    centre = x0 + (size[0] / 2.0 - left) * pixel, (y0 + y1) / 2.0
+    plotter.camera.focal_point = (*centre, 0.0)
+    plotter.camera.position = (*centre, 1.0)
+    plotter.camera.parallel_scale = size[1] * pixel / 2.0
     plotter.screenshot(str(path))
     plotter.close()
 

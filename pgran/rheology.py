@@ -121,9 +121,14 @@ class Material:
         return 1.0 / self.stress_ratio
 
     @property
+    def yield_stress(self):
+        """mu_s P0, in |sigma_1|."""
+        return self.law.mu_s * self.pressure
+
+    @property
     def loading_time(self):
         """mu_s P0/G, the time of elastic loading from rest to yield, in 1/gdot0."""
-        return self.law.mu_s * self.pressure / self.G
+        return self.yield_stress / self.G
 
     def elastic_compliance(self, dt):
         """Return theta = 1/(G dt), in 1/|sigma_1| gdot0; 0, rigid, for a step of no length."""

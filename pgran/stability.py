@@ -198,7 +198,7 @@ def asymptotic_r_q(square, coefficients):
 
 
 def asymptotic_tensor(k, N, coefficients):
-    """Return A_ik for |k| -> infinity: -|k|^2 delta_ik (3.18) for NGF, (5.4) for IG, (..., n, n)."""
+    """Return A_ik (..., n, n) for |k| -> infinity: (3.18) for NGF, (5.4) for IG."""
     k = np.asarray(k, dtype=float)
     square = (k * k).sum(axis=-1)
     identity = square[..., None, None] * np.eye(k.shape[-1])

@@ -317,9 +317,9 @@ class WeakForm:
             put(("g", "P"), element.VALUE_CORNER, weight * response.source_pressure)
 
     def pressure_mass(self, local, step, matrix):
-        """Fill ``matrix`` with -(q, P/viscosity), close to the pressure Schur complement. Collective.
+        """Fill ``matrix`` with -(q, P/viscosity), close to the pressure Schur complement.
 
-        Rows of prescribed pressures are those of the identity, as in the Jacobian.
+        Collective. Rows of prescribed pressures are those of the identity, as in the Jacobian.
         """
         fixed = ~np.isnan(step.prescribed)
         local = np.where(fixed, step.prescribed, local)

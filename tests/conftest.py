@@ -22,7 +22,8 @@ def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
     environment = {key: value for key, value in os.environ.items()
                    if not key.startswith(("OMPI_", "PMIX_", "PRTE_"))}
     environment.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
-                       OMPI_MCA_rmaps_base_oversubscribe="1", OMP_NUM_THREADS="1", PYTHONPATH=str(ROOT))
+                       OMPI_MCA_rmaps_base_oversubscribe="1", OMP_NUM_THREADS="1",
+                       PYTHONPATH=str(ROOT))
     done = subprocess.run(command, cwd=ROOT, env=environment, timeout=limit,
                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     if check and done.returncode:

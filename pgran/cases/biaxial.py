@@ -13,6 +13,8 @@ from . import BaseCase
 
 
 class Case(BaseCase):
+    """The specimen; raises `OptionError` where elements do not divide width and height."""
+
     side_stresses = {"left": -1.0, "right": -1.0}
     plate = "top"
 

@@ -5,7 +5,8 @@ and fluidity are periodic over width and height, with ``-pgran_cell_elements``
 elements each way. The pressure of one corner is held at P0, which fixes the
 level that a closed incompressible cell leaves open; without inertia so is the
 velocity of one node. Side and element size are independent of
-``-pgran_element_size``.
+``-pgran_element_size``. Inertia is that of the paper's section 3, phi rho_s dv'/dt for
+the departure v' alone: the convective L0 v' is left out, A^2 phi I0^2/mu_loc of it.
 """
 
 import numpy as np
@@ -15,6 +16,8 @@ from . import BaseCase
 
 
 class Case(BaseCase):
+    """The cell of ``-pgran_width`` and ``-pgran_height``. Raises `OptionError` below 2 elements."""
+
     periodic = True, True
     base_gradient = np.array([[0.5, 0.0], [0.0, -0.5]])
 
