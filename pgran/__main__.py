@@ -103,8 +103,7 @@ def run(settings, comm):
         raise OptionError("-pgran_inertia true: steady flow is quasi-static; allowed with "
                           "-ts_type pseudo is false")
     state = evolve.steady_start(form) if frozen else evolve.rest(form)
-    targets = [] if frozen else sorted({case.time_at(c) for c in
-                                        (*settings.snapshots, settings.compression)})
+    targets = [] if frozen else [case.time_at(c) for c in settings.snapshots]
     terminal = Terminal(comm, settings.progress)
 
     def observe(evolution, report):

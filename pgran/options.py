@@ -135,7 +135,7 @@ TABLE = (
     Option("compression", "float", 0.10, "", "where the run ends, 1 - h/H", "h = H exp(D2 t)",
            low=0.0, high=1.0, open_low=True, open_high=True),
     Option("snapshots", "floats", None, "", "compressions at which the fields are written, each "
-           "reached exactly; the end alone unless given", low=0.0, high=1.0, open_low=True,
+           "reached exactly; those beyond the end are not, and the end is written always", low=0.0, high=1.0, open_low=True,
            open_high=True),
     Option("output", "str", "results/pgran.h5", "", "result file; NAME.xdmf is written beside it, "
            "an earlier file is kept under a numbered name"),
@@ -208,12 +208,8 @@ def _resolve(settings):
     if settings.law == "jop" and settings.mu_2 <= settings.mu_s:
         raise OptionError(f"-pgran_mu_2 {settings.mu_2}: must exceed "
                           f"-pgran_mu_s {settings.mu_s} with -pgran_law jop")
-    if settings.snapshots is None:
-        settings.snapshots = (settings.compression,)
-    if any(c > settings.compression for c in settings.snapshots):
-        raise OptionError(f"-pgran_snapshots {_plain(settings.snapshots)}: none may lie beyond "
-                          f"-pgran_compression {settings.compression}")
-    settings.snapshots = tuple(sorted(set(settings.snapshots)))
+    reached = {c for c in settings.snapshots or () if c < settings.compression}
+    settings.snapshots = (*sorted(reached), settings.compression)
     if settings.step_first and settings.step_first < settings.step_min:
         raise OptionError(f"-pgran_step_first {settings.step_first}: must not lie below "
                           f"-pgran_step_min {settings.step_min}")

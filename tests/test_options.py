@@ -33,13 +33,23 @@ def test_names_that_others_rely_on_are_there():
     ({"pgran_inertia": "maybe"}, "-pgran_inertia maybe: allowed is true | false"),
     ({"pgran_cell_elements": "2.5"}, "-pgran_cell_elements 2.5: allowed is an integer >= 1"),
     ({"pgran_body_force": "1"}, "-pgran_body_force 1: allowed is 2 numbers"),
-    ({"pgran_snapshots": "0.05,0.2"}, "none may lie beyond -pgran_compression 0.1"),
+    ({"pgran_snapshots": "0.05,1.2"}, "-pgran_snapshots 0.05,1.2: allowed is a list of numbers"),
     ({"pgran_law": "jop", "pgran_mu_2": "0.3"}, "-pgran_mu_2 0.3: must exceed"),
 ])
 def test_bad_input_names_the_option_its_value_and_what_is_allowed(given, message):
     with pytest.raises(options.OptionError) as caught:
         options.read(given)
     assert message in str(caught.value)
+
+
+def test_a_shorter_run_leaves_out_the_snapshots_that_it_does_not_reach():
+    def snapshots(**given):
+        return options.read({f"pgran_{key}": text for key, text in given.items()}).snapshots
+
+    assert snapshots() == (0.1,)
+    assert snapshots(snapshots="0.05,0.10", compression="0.02") == (0.02,)
+    assert snapshots(snapshots="0.10,0.05", compression="0.14") == (0.05, 0.1, 0.14)
+    assert snapshots(snapshots="0.05,0.10") == (0.05, 0.1)
 
 
 def test_resolved_options_read_back_the_same():
