@@ -7,6 +7,7 @@ frozen and the steady rigid-viscous flow is found. A good run ends with the name
 of its result file; a failed one with the reason, and exit code 1.
 """
 
+import os
 import sys
 import traceback
 
@@ -33,6 +34,10 @@ def start(arguments, action, slepc=False):
     message of rank 0. Anything else may have struck one rank alone: it ends them all.
     """
     given = file_first([argument for argument in arguments if argument not in HELP])
+    missing = [name for flag, name in zip(given, given[1:])
+               if flag == "-options_file" and not os.path.isfile(name)]
+    if missing:
+        given = given[:1]  # so that PETSc starts, and all ranks can end together
     if slepc:
         import slepc4py
         slepc4py.init(given)
@@ -45,6 +50,8 @@ def start(arguments, action, slepc=False):
 
     comm = PETSc.COMM_WORLD
     try:
+        if missing:
+            raise options.OptionError(f"-options_file {missing[0]}: there is no such file")
         action(options.read(given_options()), comm)
         return 0
     except (options.OptionError, StepError) as error:

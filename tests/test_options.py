@@ -71,6 +71,7 @@ def test_options_module_needs_neither_petsc_nor_mpi():
     (["-pgran_element_size", "7"], "-pgran_width 40: must be a whole multiple"),
     (["-pgran_model", "ig"], "-pgran_model ig: known to the linear theory alone"),
     (["-pgran_restart", "x.h5"], "-pgran_restart x.h5: allowed with -ts_type pseudo"),
+    (["-options_file", "options/none.opts"], "-options_file options/none.opts: there is no such"),
     (["-ts_type", "euler"], "-ts_type euler: allowed is beuler | pseudo"),
     (["-pgran_output", "/proc/none/x.h5"], "-pgran_output /proc/none/x.h5: "),
 ])
