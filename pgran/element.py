@@ -10,7 +10,6 @@ import numpy as np
 
 GAUSS_1D = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
 WEIGHTS_1D = np.array([5.0, 8.0, 5.0]) / 9.0
-SIDES = ("bottom", "right", "top", "left")
 #: Q2 nodes of each side, in the order that keeps the element on the left.
 SIDE_NODES = {"bottom": (0, 1, 2), "right": (2, 5, 8), "top": (8, 7, 6), "left": (6, 3, 0)}
 

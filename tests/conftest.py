@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import petsc4py
-import pytest
 
 petsc4py.init(["pgran-tests"])
 ROOT = Path(__file__).resolve().parent.parent
@@ -88,14 +87,3 @@ def newton(form, step, local, tolerance=1e-11, most=30):
         ksp.solve(right, update)
         local = local - grid.to_local(update)
     raise AssertionError(f"Newton's method stopped at a residual of {right.norm():.3e}")
-
-
-@pytest.fixture
-def no_options():
-    """Keep options that a test sets out of the others."""
-    from petsc4py import PETSc
-
-    before = PETSc.Options().getAll()
-    yield
-    for name in set(PETSc.Options().getAll()) - set(before):
-        PETSc.Options().delValue(name)
