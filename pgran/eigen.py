@@ -272,7 +272,7 @@ def operators(settings, comm):
 
     form = weakform.discretise(settings, comm)
     state = evolve.steady_start(form)
-    step = weakform.Step(form, state.x, state.stress, 0.0, evolve.prescribed(form, 0.0), None)
+    step = weakform.Step(form, state.x, state.stress, 0.0, form.prescribed(0.0), None)
     J, M = form.create_matrix(), form.create_matrix()
     form.jacobian(state.local, 0.0, step, J)
     form.jacobian(state.local, 1.0, step, M)

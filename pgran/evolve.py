@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from . import rheology
+from . import fieldsplit, rheology
 from .element import SHAPE
 from .options import OptionError
 from .results import read_snapshot
@@ -34,14 +34,6 @@ class State:
     def __init__(self, time, x, local, stress, rate=None):
         self.time, self.x, self.local, self.stress = time, x, local, stress
         self.rate = np.zeros_like(local) if rate is None else rate
-
-
-def prescribed(form, time):
-    """Return the prescribed unknowns (n_local,) at a time, not a number where free."""
-    nodes, corners, case = form.grid.nodes, form.grid.corners, form.case
-    return form.grid.join(case.prescribed(time, nodes.i, nodes.j),
-                          case.prescribed_fluidity(time, nodes.i, nodes.j),
-                          case.prescribed_pressure(time, corners.i, corners.j))
 
 
 def rest(form):
@@ -106,7 +98,7 @@ class Evolution:
         self.matrix, self._residual_vector = form.create_matrix(), self.grid.create_vector()
         self.schur = None
         ts = PETSc.TS().create(comm=self.grid.comm)
-        ts.setDM(field_shell(self.grid))
+        ts.setDM(fieldsplit.field_shell(form))
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
         ts.setEquationType(PETSc.TS.EquationType.IMPLICIT)
         ts.setType(PETSc.TS.Type.BEULER)
@@ -123,7 +115,7 @@ class Evolution:
         ts.setTime(self._time)
         ts.setTimeStep(self.first_step())
         ts.setFromOptions()
-        self.schur = configure_fieldsplit(ts.getSNES().getKSP(), form)
+        self.schur = fieldsplit.configure(ts.getSNES().getKSP(), form)
         return ts
 
     @property
@@ -159,10 +151,10 @@ class Evolution:
             x = state.x + dt * middle
             stress = rheology.rotated(stress, dt * self.form.spin(middle, 0.5 * (state.x + x)))
             end = state.time + dt
-        values = prescribed(self.form, end)
+        values = self.form.prescribed(end)
         rates = np.zeros_like(values)
         if end > state.time:
-            rates = (values - prescribed(self.form, state.time)) / dt
+            rates = (values - self.form.prescribed(state.time)) / dt
         theta = self.form.material.elastic_compliance(dt)
         self._attempts += 1
         self._dt, self._step = dt, Step(self.form, x, stress, theta, values, rates)
@@ -325,64 +317,3 @@ def frozen():
     if kind not in (PETSc.TS.Type.BEULER, PETSc.TS.Type.PSEUDO):
         raise OptionError(f"-ts_type {kind}: allowed is beuler | pseudo")
     return kind == PETSc.TS.Type.PSEUDO
-
-
-def field_shell(grid):
-    """Return a DM that knows the fields velocity, fluidity and pressure by name. Collective.
-
-    PCFIELDSPLIT takes its splits from it: alone by name, or joined by number with
-    ``-pc_fieldsplit_0_fields 0,1``; the prefixes are those of PETSc.
-    """
-    sets = grid.field_sets()
-    return _shell(grid.comm, sets, grid.create_vector())
-
-
-def _shell(comm, sets, vector):
-    names = list(sets)
-
-    def decompose(dm):
-        return list(names), [sets[name] for name in names], [
-            _shell(comm, {name: _within(sets[name], [sets[name]])}, _vector_of(sets[name]))
-            for name in names]
-
-    def sub_dm(dm, fields):
-        chosen = [sets[names[k]] for k in fields]
-        joined = PETSc.IS().createGeneral(
-            np.sort(np.concatenate([part.indices for part in chosen])), comm=comm)
-        inner = {names[k]: _within(joined, [sets[names[k]]]) for k in fields}
-        return joined, _shell(comm, inner, _vector_of(joined))
-
-    dm = PETSc.DMShell().create(comm=comm)
-    dm.setGlobalVector(vector)
-    dm.setCreateFieldDecomposition(decompose)
-    dm.setCreateSubDM(sub_dm)
-    return dm
-
-
-def _vector_of(numbers):
-    return PETSc.Vec().createMPI((numbers.getLocalSize(), None), comm=numbers.comm)
-
-
-def _within(joined, parts):
-    """Numbers of ``parts`` counted within ``joined``, each rank's own being contiguous there."""
-    start = _vector_of(joined).getOwnershipRange()[0]
-    numbers = start + np.searchsorted(joined.indices,
-                                      np.sort(np.concatenate([part.indices for part in parts])))
-    return PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=joined.comm)
-
-
-def configure_fieldsplit(ksp, form):
-    """Hand PCFIELDSPLIT the matrix for ``-pc_fieldsplit_schur_precondition user``.
-
-    Returns that matrix, the pressure mass over viscosity that `WeakForm.pressure_mass`
-    fills, or None where the options ask for something else. Collective.
-    """
-    pc = ksp.getPC()
-    prefix = pc.getOptionsPrefix() or ""
-    asked = PETSc.Options().getString(f"{prefix}pc_fieldsplit_schur_precondition", "")
-    if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
-        return None
-    schur = form.create_pressure_mass()
-    kinds = getattr(PETSc.PC, "FieldSplitSchurPreType", None) or PETSc.PC.SchurPreType
-    pc.setFieldSplitSchurPreType(kinds.USER, schur)  # petsc4py 3.18 has the shorter name
-    return schur

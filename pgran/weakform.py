@@ -14,7 +14,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from . import cases, element, rheology
-from .grid import Grid, Sparsity
+from .grid import Grid
+from .matrix import BatchSum, ElementMatrix
 from .options import OptionError
 
 BATCH = 512
@@ -78,7 +79,15 @@ class WeakForm:
         self._yield = material.law.mu_s * factor
         n = grid.n_elements
         self.batches = [slice(k, min(k + BATCH, n)) for k in range(0, n, BATCH)]
-        self._number_entries()
+        self.held = ~np.isnan(self.prescribed(0.0))
+        self._lay_out_matrices()
+
+    def prescribed(self, time):
+        """Return the prescribed unknowns (n_local,) at a time, not a number where free."""
+        nodes, corners, case = self.grid.nodes, self.grid.corners, self.case
+        return self.grid.join(case.prescribed(time, nodes.i, nodes.j),
+                              case.prescribed_fluidity(time, nodes.i, nodes.j),
+                              case.prescribed_pressure(time, corners.i, corners.j))
 
     # Points
 
@@ -164,8 +173,7 @@ class WeakForm:
         """
         grid = self.grid
         total = self._forces(local, rate, step)
-        fixed = ~np.isnan(step.prescribed)
-        total[fixed] = local[fixed] - step.prescribed[fixed]
+        total[self.held] = (local - step.prescribed)[self.held]
         return total[grid.owned]
 
     def reaction(self, local, rate, step, side):
@@ -178,14 +186,16 @@ class WeakForm:
     def _forces(self, local, rate, step):
         """The residual before the rows of prescribed unknowns are replaced, (n_local,)."""
         grid = self.grid
-        fixed = ~np.isnan(step.prescribed)
-        local = np.where(fixed, step.prescribed, local)
-        rate = np.where(fixed, step.prescribed_rate, rate)
-        forces = np.empty(grid.element_unknowns.shape)
+        local = np.where(self.held, step.prescribed, local)
+        if self.density:
+            rate = np.where(self.held, step.prescribed_rate, rate)
+        total = np.zeros(grid.n_local)
         with np.errstate(invalid="ignore", divide="ignore"):
-            for batch in self.batches:
-                self._element_forces(local, rate, step, batch, forces[:, batch])
-        total = np.bincount(grid.element_unknowns.ravel(), forces.ravel(), minlength=grid.n_local)
+            for batch, sums in zip(self.batches, self._force_sums):
+                forces = np.empty((len(grid.element_unknowns), batch.stop - batch.start))
+                self._element_forces(local, rate, step, batch, forces)
+                for batch_sum in sums:
+                    batch_sum.add(forces.ravel(), total)
         velocity, _, _ = grid.split(total)
         velocity -= step.load
         return total
@@ -195,82 +205,76 @@ class WeakForm:
         s11, s22, s12 = p.deviator()
         weight = p.geometry.weight
         slopes = element.SHAPE_SLOPE.reshape(18, 9).T
-        bodies = self.case.body_force(p.x)
+        case = self.case
+        bodies = None if case.body_force is None else case.body_force(p.x) * weight
         for i, flux in enumerate(((s11 - p.P, s12), (s12, s22 - p.P))):
-            value = -bodies[i] * weight
+            rows = slice(9 * i, 9 * i + 9)
+            np.matmul(slopes, p.geometry.pull_back(flux).reshape(18, -1), out=out[rows])
+            if bodies is not None:
+                out[rows] -= element.SHAPE.T @ bodies[i]
             if self.density:
-                rows = self.grid.element_unknowns[9 * i:9 * i + 9, batch]
-                value = value + self.density * weight * (element.SHAPE @ rate[rows])
-            out[9 * i:9 * i + 9] = (slopes @ p.geometry.pull_back(flux).reshape(18, -1)
-                                    + element.SHAPE.T @ value)
+                inertia = element.SHAPE @ rate[self.grid.element_unknowns[rows, batch]]
+                out[rows] += element.SHAPE.T @ (self.density * weight * inertia)
         if self.nonlocal_:
             flux = self.material.A**2 * p.geometry.gradient(p.nodal_g)
-            source = p.response.source - self.case.fluidity_source(p.x)
+            source = p.response.source
+            if case.fluidity_source is not None:
+                source = source - case.fluidity_source(p.x)
             out[18:27] = (slopes @ p.geometry.pull_back(flux).reshape(18, -1)
                           + element.SHAPE.T @ (weight * source))
         out[-4:] = -element.CORNER_SHAPE.T @ (weight * p.divergence)
 
     # Jacobian
 
-    def _number_entries(self):
-        """Lay out the matrix, and the blocks of the element matrices in one array of entries."""
+    def _lay_out_matrices(self):
+        """Lay out the blocks of the element matrices in one array of entries, and the matrices."""
         grid = self.grid
-        flow, pressure = (grid.nodes, grid.dof), (grid.corners, 1)
-        self.sparsity = sparsity = Sparsity(grid, [flow, pressure], [flow, pressure])
         nodes, corners = grid.element_nodes, grid.element_corners
-        places, self._rows = [], {}
-        count = 0
+        flow, pressure = (grid.nodes, grid.dof), (grid.corners, 1)
+        self._rows, groups, count = {}, ([], []), 0
 
-        def add(key, *block):
+        def add(key, group, *entries):
             nonlocal count
-            where = sparsity.places(*block).reshape(-1, grid.n_elements)
-            self._rows[key] = slice(count, count + len(where))
-            count += len(where)
-            places.append(where)
+            rows = len(entries[2]) * len(entries[5])
+            self._rows[key] = slice(count, count + rows)
+            count += rows
+            groups[group].append(entries)
 
         for a, row in enumerate(grid.fields):
             for b, column in enumerate(grid.fields):
-                add((row, column), 0, a, nodes, 0, b, nodes)
-            add((row, "P"), 0, a, nodes, 1, 0, corners)
-        self._flow_rows = slice(0, count)
+                add((row, column), 0, 0, a, nodes, 0, b, nodes)
+            add((row, "P"), 0, 0, a, nodes, 1, 0, corners)
         for b, column in enumerate(grid.fields[:2]):
-            add(("P", column), 1, 0, corners, 0, b, nodes)
-        self._pressure_rows = slice(self._flow_rows.stop, count)
-        self._scatter = Scatter(np.concatenate(places), sparsity.size, self.batches,
-                                (self._flow_rows, self._pressure_rows))
-        diagonal = sparsity.diagonal(grid.owned)
-        self._diagonal = np.full(grid.n_local, -1)
-        self._diagonal[grid.owned] = diagonal
-        self._row_of = grid.owned[np.repeat(np.arange(grid.n_owned), np.diff(sparsity.start))]
-
-        self._mass_sparsity = Sparsity(grid, [pressure], [pressure])
-        where = self._mass_sparsity.places(0, 0, corners, 0, 0, corners)
-        self._mass_scatter = Scatter(where.reshape(-1, grid.n_elements), self._mass_sparsity.size,
-                                     self.batches, (slice(0, 16),))
+            add(("P", column), 1, 1, 0, corners, 0, b, nodes)
+        self._force_sums = []
+        for batch in self.batches:
+            rows, size = grid.element_unknowns[:, batch], batch.stop - batch.start
+            parts = slice(0, size * 9 * grid.dof), slice(size * 9 * grid.dof, None)
+            self._force_sums.append([BatchSum(part, rows.ravel()[part], grid.n_local)
+                                     for part in parts])
+        self._jacobian = ElementMatrix(grid, [flow, pressure], grid.global_number, groups,
+                                       self.batches, self.held)
+        self._mass = ElementMatrix(grid, [pressure], grid.corners.dm.getLGMap().indices,
+                                   [[(0, 0, corners, 0, 0, corners)]], self.batches,
+                                   self.held[grid.n_flow:])
 
     def create_matrix(self):
         """Return an empty parallel matrix (AIJ) with the places of the Jacobian. Collective."""
-        return _create_matrix(self.grid.comm, self.sparsity, self.grid.global_number)
+        return self._jacobian.create()
 
     def create_pressure_mass(self):
         """Return an empty matrix for `pressure_mass`. Collective."""
-        return _create_matrix(self.grid.comm, self._mass_sparsity,
-                              self.grid.corners.dm.getLGMap().indices)
+        return self._mass.create()
 
     def jacobian(self, local, shift, step, matrix):
-        """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective."""
-        fixed = ~np.isnan(step.prescribed)
-        local = np.where(fixed, step.prescribed, local)
-        values = np.zeros(self.sparsity.size)
+        """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective.
+
+        Rows and columns of prescribed unknowns are those of the identity.
+        """
+        local = np.where(self.held, step.prescribed, local)
         with np.errstate(invalid="ignore", divide="ignore"):
-            for number, batch in enumerate(self.batches):
-                entries = np.empty((self._pressure_rows.stop, batch.stop - batch.start))
-                self._element_tangents(local, shift, step, batch, entries)
-                self._scatter.add(number, entries, values)
-        values[fixed[self._row_of] | fixed[self.sparsity.column]] = 0.0
-        rows = np.flatnonzero(fixed & (self._diagonal >= 0))
-        values[self._diagonal[rows]] = 1.0
-        _fill(matrix, self.sparsity, self.grid.global_number, values)
+            self._jacobian.fill(matrix, lambda batch, out: self._element_tangents(
+                local, shift, step, batch, out))
 
     def _element_tangents(self, local, shift, step, batch, out):
         """The element matrices of a batch, block by block, (rows of `_number_entries`, n).
@@ -321,21 +325,14 @@ class WeakForm:
 
         Collective. Rows of prescribed pressures are those of the identity, as in the Jacobian.
         """
-        fixed = ~np.isnan(step.prescribed)
-        local = np.where(fixed, step.prescribed, local)
-        sparsity = self._mass_sparsity
-        values = np.zeros(sparsity.size)
+        local = np.where(self.held, step.prescribed, local)
+
+        def masses(batch, out):
+            p = self.points(local, step, batch)
+            np.matmul(element.CORNER_CORNER, -p.geometry.weight / p.response.viscosity, out=out)
+
         with np.errstate(invalid="ignore", divide="ignore"):
-            for number, batch in enumerate(self.batches):
-                p = self.points(local, step, batch)
-                entries = element.CORNER_CORNER @ (-p.geometry.weight / p.response.viscosity)
-                self._mass_scatter.add(number, entries, values)
-        owned = self.grid.corners.owned
-        row_of = owned[np.repeat(np.arange(owned.size), np.diff(sparsity.start))]
-        held = fixed[self.grid.n_flow:]
-        values[held[row_of] | held[sparsity.column]] = 0.0
-        values[held[row_of] & (row_of == sparsity.column)] = 1.0
-        _fill(matrix, sparsity, self.grid.corners.dm.getLGMap().indices, values)
+            self._mass.fill(matrix, masses)
 
 
 class _Points:
@@ -378,62 +375,3 @@ class _Points:
         inverse = self.geometry.inverse
         return np.array([n11 * inverse[0] + n12 * inverse[1],
                          n12 * inverse[0] + n22 * inverse[1]])
-
-
-class Scatter:
-    """Sums entries of element matrices into the values of a sparse matrix, batch by batch.
-
-    ``places`` (n_entries, n) as `Sparsity.places` gives them, ``size`` for rows of
-    other ranks; ``groups`` are slices of the entries whose places lie close.
-    """
-
-    def __init__(self, places, size, batches, groups):
-        self._parts = []
-        for batch in batches:
-            parts = []
-            for group in groups:
-                part = places[group, batch]
-                inside = part[part < size]
-                low, high = (inside.min(), inside.max() + 1) if inside.size else (0, 0)
-                part = np.where(part < size, part - low, high - low)
-                parts.append((group, slice(low, high), part.ravel().astype(np.int32)))
-            self._parts.append(parts)
-
-    def add(self, number, entries, values):
-        """Add the ``entries`` (n_entries, n) of a batch to ``values``."""
-        for group, target, places in self._parts[number]:
-            length = target.stop - target.start
-            sums = np.bincount(places, entries[group].ravel(), minlength=length + 1)
-            values[target] += sums[:length]
-
-
-def _create_matrix(comm, sparsity, global_number):
-    n_rows = sparsity.start.size - 1
-    matrix = PETSc.Mat().create(comm=comm)
-    matrix.setType(PETSc.Mat.Type.AIJ)
-    matrix.setSizes(((n_rows, None), (n_rows, None)))
-    ranks = comm.tompi4py()
-    last, size = ranks.scan(n_rows), ranks.allreduce(n_rows)
-    columns = global_number[sparsity.column]
-    here = np.add.reduceat((last - n_rows <= columns) & (columns < last), sparsity.start[:-1],
-                           dtype=int)
-    # A cell of two elements reaches a node from both sides, and counts it twice.
-    there = np.minimum(np.diff(sparsity.start) - here, size - n_rows)
-    matrix.setPreallocationNNZ((np.minimum(here, n_rows).astype(PETSc.IntType),
-                                there.astype(PETSc.IntType)))
-    _fill(matrix, sparsity, global_number, np.zeros(sparsity.size))
-    return matrix
-
-
-def _places(sparsity, global_number):
-    """Row starts and global columns as PETSc takes them."""
-    return (sparsity.start.astype(PETSc.IntType),
-            global_number[sparsity.column].astype(PETSc.IntType))
-
-
-def _fill(matrix, sparsity, global_number, values):
-    matrix.zeroEntries()
-    # Added, not inserted, for the sake of that cell.
-    matrix.setValuesCSR(*_places(sparsity, global_number), values,
-                        addv=PETSc.InsertMode.ADD_VALUES)
-    matrix.assemble()

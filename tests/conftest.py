@@ -60,13 +60,6 @@ def noise(grid, seed):
     return grid.join(np.array(nodes[:2]), nodes[2], lattice_noise(grid.corners, seed + 3))
 
 
-def prescribed(form, time=0.0):
-    """Return the prescribed unknowns (n_local,) of a form's case."""
-    from pgran import evolve
-
-    return evolve.prescribed(form, time)
-
-
 def newton(form, step, local, tolerance=1e-11, most=30):
     """Solve the form's equations by Newton's method with a direct solver; return the unknowns."""
     from petsc4py import PETSc

@@ -5,7 +5,7 @@ Every test here runs unchanged on any number of ranks.
 
 import numpy as np
 import pytest
-from conftest import discretised, newton, noise, prescribed
+from conftest import discretised, newton, noise
 from mpi4py import MPI
 
 from pgran.cases import BaseCase
@@ -49,7 +49,7 @@ def test_jacobian_is_the_derivative_of_the_residual(case, model, law, regime, th
     grid = form.grid
     x, local = state(form, regime)
     stress = np.full((3, 9, grid.n_elements), 0.02)
-    fixed = REGIMES[regime][0] * prescribed(form, 0.1)
+    fixed = REGIMES[regime][0] * form.prescribed(0.1)
     step = Step(form, x, stress, theta, fixed, np.where(np.isnan(fixed), np.nan, 0.3))
     ratio = form.stress_ratio(local, step)
     below = COMM.allreduce(ratio.min(), MPI.MIN) < form.material.law.mu_s
@@ -83,7 +83,7 @@ def test_homogeneous_flow_is_exact_on_a_distorted_mesh(model, law):
     exact = grid.join(np.array([x[0], -x[1]]) / 2.0,
                       np.full(grid.nodes.size, material.fluidity),
                       np.full(grid.corners.size, material.pressure))
-    fixed = prescribed(form)
+    fixed = form.prescribed(0.0)
     step = Step(form, x, np.zeros((3, 9, grid.n_elements)), 0.0, fixed, np.zeros_like(fixed))
     found = newton(form, step, exact * (1.0 + 0.001 * noise(grid, 5)))
     assert np.abs(found - exact)[grid.owned].max() < 1e-10 * np.abs(exact).max()
@@ -217,7 +217,7 @@ def test_errors_fall_with_order_3_in_v_and_g_and_2_in_p(law, theta):
         corners = case.coordinates(2 * grid.corners.i, 2 * grid.corners.j)
         exact = grid.join([fields["v1"](*x), fields["v2"](*x)], fields["g"](*x),
                           fields["P"](*corners))
-        fixed = prescribed(form)
+        fixed = form.prescribed(0.0)
         step = Step(form, x, np.zeros((3, 9, grid.n_elements)), theta, fixed, 0.0 * fixed)
         # Below yield F has a kink, and at mu = 1 the equations lose their type (3.19).
         assert (fields["mu"](*x) > material.law.mu_s).all() and (fields["mu"](*x) < 1.0).all()

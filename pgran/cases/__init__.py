@@ -16,7 +16,9 @@ class BaseCase:
     ``base_gradient`` (2, 2), a velocity gradient that is added to that of the
     nodal velocity, gdot0; ``side_stresses`` = {side: normal stress}, |sigma_1|,
     which follows the deformed normal; ``plate``, the side whose mean normal
-    stress is recorded, or None.
+    stress is recorded, or None; ``body_force(x)`` returns b (2, ...) of (2.2) at points
+    ``x`` (2, ...), |sigma_1|/d, and ``fluidity_source(x)`` a source (...) of the fluidity
+    equation, for verification; both may be None, which costs nothing.
 
     Functions of global indices take integer arrays of one shape: ``i, j`` of Q2
     nodes (two an element), of corners or of elements. Times are in 1/gdot0.
@@ -26,10 +28,12 @@ class BaseCase:
     base_gradient = np.zeros((2, 2))
     side_stresses = {}
     plate = None
+    body_force = fluidity_source = None
 
     def __init__(self, settings, material):
         self.settings, self.material = settings, material
-        self._body_force = np.array(settings.body_force)
+        if any(settings.body_force) and self.body_force is None:
+            self.body_force = lambda x: np.reshape(settings.body_force, (2,) + (1,) * (x.ndim - 1))
 
     def coordinates(self, i, j):
         """Return the initial coordinates (2, n) of nodes, d."""
@@ -58,14 +62,6 @@ class BaseCase:
     def yield_factor(self, i, j):
         """Return mu_s over its nominal value, (n,), for elements."""
         return np.ones(i.size)
-
-    def body_force(self, x):
-        """Return b (2, ...) of (2.2) at points ``x`` (2, ...), |sigma_1|/d."""
-        return self._body_force.reshape((2,) + (1,) * (np.ndim(x) - 1))
-
-    def fluidity_source(self, x):
-        """Return a source of the fluidity equation at ``x`` (2, ...); none but in verification."""
-        return 0.0
 
     def compression(self, time):
         """Return 1 - h/H of homogeneous compression at |D2| = 1/2, by which runs are counted."""
