@@ -21,7 +21,7 @@ job() {
 
 job base
 job stiff -pgran_shear_modulus 10000
-job half_steps -pgran_step_max 0.001 -pgran_step_change 0.05
+job half_steps -pgran_step_max 0.001 -pgran_step_error 0.05
 job inertial -pgran_inertial_number 0.03
 job fine -pgran_element_size 1
 

@@ -98,6 +98,8 @@ def run(settings, comm):
     Raises `OptionError` before anything is computed, and `StepError` where the
     solution stops, after writing the last state that was reached.
     """
+    from petsc4py import PETSc
+
     from . import evolve, results, weakform
     from .options import OptionError
     from .terminal import Terminal
@@ -114,6 +116,10 @@ def run(settings, comm):
     terminal = Terminal(comm, settings.progress)
 
     def observe(evolution, report):
+        with PETSc.Log.Stage("Output"):
+            show(evolution, report)
+
+    def show(evolution, report):
         state = evolution.state
         compression = case.compression(state.time)
         writer.record(time=state.time, compression=compression,

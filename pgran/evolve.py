@@ -2,8 +2,10 @@
 
 `Evolution` drives `weakform` through time. With ``-ts_type beuler`` the mesh
 moves with the material: a step predicts the mesh at its end to second order
-(Adams-Bashforth) and turns the old stress with the material, solves there, and
-after acceptance moves the mesh by the trapezoidal rule and keeps the new stress.
+(Adams-Bashforth), turns the last two stresses with the material, solves there with
+the stress rate of BDF2, and after acceptance moves the mesh by the trapezoidal rule
+and keeps the new stress. The size of the steps follows their departure from the
+extrapolation of the last ones.
 With ``-ts_type pseudo`` the mesh is frozen, nothing turns, and the elastic
 element alone makes the pseudo-time, so that the steady state is rigid-viscous.
 """
@@ -27,13 +29,35 @@ class State:
     """The last accepted state of a rank: all that a step starts from.
 
     ``time``; ``x`` (2, n_nodes) mesh; ``local`` (n_local,) unknowns; ``stress``
-    (3, 9, n) deviator; ``rate`` (n_local,), the difference quotient of the last two
-    unknowns, 0 at the start. Units d, |sigma_1|, 1/gdot0.
+    (3, 9, n) deviator; of the step before it, None at the start: ``dt`` its size,
+    ``earlier`` the stress it started from, turned with the material, ``rate``
+    (n_local,) the difference quotient of the unknowns. Units d, |sigma_1|, 1/gdot0.
     """
 
-    def __init__(self, time, x, local, stress, rate=None):
+    def __init__(self, time, x, local, stress, dt=None, earlier=None, rate=None):
         self.time, self.x, self.local, self.stress = time, x, local, stress
+        self.dt, self.earlier = dt, earlier
         self.rate = np.zeros_like(local) if rate is None else rate
+
+    def extrapolated(self, dt):
+        """Return the unknowns and the stress on the line through the last two states."""
+        if self.dt is None:
+            return self.local, self.stress
+        return (self.local + dt * self.rate,
+                self.stress + dt / self.dt * (self.stress - self.earlier))
+
+    def past(self, dt, angle):
+        """Return the factor f and the stress S of a step ``dt`` that turns by ``angle`` (9, n).
+
+        d(sigma')/dt = f (sigma' - S)/dt, that of BDF2, or of backward Euler at the start.
+        """
+        stress = rheology.rotated(self.stress, angle)
+        if self.dt is None:
+            return 1.0, stress
+        ratio = dt / self.dt
+        factor = (1.0 + 2.0 * ratio) / (1.0 + ratio)
+        earlier = rheology.rotated(self.earlier, angle)
+        return factor, ((1.0 + ratio) * stress - ratio**2 / (1.0 + ratio) * earlier) / factor
 
 
 def rest(form):
@@ -142,22 +166,24 @@ class Evolution:
         if self._dt is not None and abs(dt - self._dt) <= 1e-9 * dt:  # equal but for rounding
             return self._step
         state = self.state
-        x, stress, end = state.x, state.stress, state.time
+        x, stress, end, factor, angle = state.x, state.stress, state.time, 1.0, 0.0
         if 0.0 < dt < self.settings.step_min:
             raise StepError(f"no step down to -pgran_step_min {self.settings.step_min:g} "
                             f"converges at time {state.time:.6g}")
         if dt > 0.0 and not self.frozen:
             middle = self.velocity(state.local + 0.5 * dt * state.rate, state.x)
             x = state.x + dt * middle
-            stress = rheology.rotated(stress, dt * self.form.spin(middle, 0.5 * (state.x + x)))
+            angle = dt * self.form.spin(middle, 0.5 * (state.x + x))
+            factor, stress = state.past(dt, angle)
             end = state.time + dt
         values = self.form.prescribed(end)
         rates = np.zeros_like(values)
         if end > state.time:
             rates = (values - self.form.prescribed(state.time)) / dt
-        theta = self.form.material.elastic_compliance(dt)
+        theta = factor * self.form.material.elastic_compliance(dt)
         self._attempts += 1
         self._dt, self._step = dt, Step(self.form, x, stress, theta, values, rates)
+        self._angle = angle
         return self._step
 
     def _current_step(self, ts, time):
@@ -189,7 +215,8 @@ class Evolution:
         if not self.frozen:
             self._aim(self.ts.getTimeStep())
         try:
-            self.ts.solve(u)
+            with PETSc.Log.Stage("Solve"):
+                self.ts.solve(u)
         except PETSc.Error as error:  # petsc4py 3.26 wraps what a callback raises, 3.18 does not
             if isinstance(error.__cause__, (StepError, OptionError)):
                 raise error.__cause__ from None
@@ -211,7 +238,7 @@ class Evolution:
         """Start Newton's method from the last two states; from the last alone after a failure."""
         # A failed attempt has called `step` before, and may have left anything in u.
         dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
-        self.grid.from_local(self.state.local + dt * self.state.rate, u)
+        self.grid.from_local(self.state.extrapolated(dt)[0], u)
         self._starting = True
 
     def _post_step(self, ts):
@@ -223,11 +250,11 @@ class Evolution:
         step = self.step(dt)
         stress = self.form.stress(local, step)
         if not self.frozen:
-            change = self._change(local, stress)
-            if change > 1.5 * settings.step_change and dt > 2.0 * settings.step_min:
+            departure = self._departure(local, stress, dt)
+            if departure > 2.0 * settings.step_error and dt > 2.0 * self.first_step():
                 self.rejected += 1
                 ts.rollBack()
-                ts.setTimeStep(max(0.5, settings.step_change / change) * dt)
+                ts.setTimeStep(max(0.3, np.sqrt(settings.step_error / departure)) * dt)
                 return
         self._committed = local, (local - state.local) / dt, step
         self.state = self._accepted(stress, dt)
@@ -244,7 +271,7 @@ class Evolution:
             "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),
             "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX)})
         if not self.frozen:
-            self._choose_step(dt, change)
+            self._choose_step(dt, departure)
 
     def _accepted(self, stress, dt):
         """The state at the end of the step that was just solved: moved mesh, new stress."""
@@ -252,26 +279,35 @@ class Evolution:
         if self.frozen:
             return State(state.time, state.x, local, stress)
         mean = 0.5 * (self.velocity(state.local, state.x) + self.velocity(local, step.x))
-        return State(state.time + dt, state.x + dt * mean, local, stress, rate)
+        return State(state.time + dt, state.x + dt * mean, local, stress, dt,
+                     rheology.rotated(state.stress, self._angle), rate)
 
-    def _change(self, local, stress):
-        """The change since the last state that limits the step.
+    def _departure(self, local, stress, dt):
+        """The departure from the extrapolation of the last two states, which limits the step.
 
-        The larger of max|v_n+1 - v_n| / max|v_n+1| and max|sigma'_n+1 - sigma'_n| / (mu_s P0).
+        The larger of max|v - v*| / max|v - v0| and max|sigma' - sigma'*| / (mu_s P0), with v* and
+        sigma'* extrapolated and v0 the homogeneous flow: a growing perturbation counts by its
+        own size from ``-pgran_step_perturbation`` times max|v| on.
         """
-        state, material, owned = self.state, self.form.material, self.grid.nodes.owned
-        now = self.velocity(local, state.x)[:, owned]
-        before = self.velocity(state.local, state.x)[:, owned]
-        largest = [self.comm.allreduce(np.abs(part).max(), MPI.MAX)
-                   for part in (now - before, now, stress - state.stress)]
-        return max(largest[0] / largest[1], largest[2] / material.yield_stress)
+        state, owned, settings = self.state, self.grid.nodes.owned, self.settings
+        expected, expected_stress = state.extrapolated(dt)
+        x = self._step.x[:, owned]
+        now, then = (self.velocity(unknowns, self._step.x)[:, owned]
+                     for unknowns in (local, expected))
+        off, size, apart, stress_off = (
+            self.comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX) for part in
+            (now - then, now, now - self.case.start(x), stress - expected_stress))
+        scale = max(apart, settings.step_perturbation * size)
+        return max(off / scale, stress_off / self.form.material.yield_stress)
 
-    def _choose_step(self, dt, change):
+    def _choose_step(self, dt, departure):
         settings = self.settings
         if not self.targets:
             self.ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
             return
-        wanted = dt * min(settings.step_growth, settings.step_change / max(change, 1e-300))
+        wanted = dt * min(settings.step_growth,
+                          0.9 * np.sqrt(settings.step_error / max(departure, 1e-300)))
+        wanted = max(wanted, min(self.first_step(), dt * settings.step_growth))
         if self._free_step is not None:  # the last step was cut to land on a target
             wanted = max(wanted, self._free_step)
         self._aim(min(wanted, settings.step_max))

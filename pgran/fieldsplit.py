@@ -20,6 +20,9 @@ from .options import OptionError
 
 #: Weights of the three nodes of a coarse element at the five nodes of its two halves.
 HALVES = quadratic(np.linspace(-1.0, 1.0, 5))[0]
+#: Side of the elements of the coarsest grid over A d, at most, unless -pc_mg_levels says more:
+#: six elements to the shortest growing wavelength (k A d = 0.1226), which no coarser grid sees.
+COARSEST = 8.5
 
 
 def field_shell(form):
@@ -43,7 +46,9 @@ def field_shell(form):
                   for part in grid.nodes.dm.getOwnershipRanges()]
         return NodeLevel(grid.comm, grid.shape, grid.periodic, starts, len(held), held.T.ravel())
 
-    return _shell(grid.comm, sets, grid.create_vector(), level)
+    corner = np.diff(form.case.coordinates(np.array([0, 2]), np.array([0, 2])))
+    most = np.log2(COARSEST * form.material.A / corner.max())
+    return _shell(grid.comm, sets, grid.create_vector(), level, max(0, int(most)))
 
 
 def configure(ksp, form):
@@ -153,17 +158,17 @@ class NodeLevel:
         return PETSc.Vec().createMPI((self.held.size, None), bsize=self.dof, comm=self.comm)
 
 
-def _shell(comm, sets, vector, level):
+def _shell(comm, sets, vector, level, most):
     """A DM of the fields ``sets``; ``level(names)`` gives their `NodeLevel`, None where none is."""
     names = list(sets)
 
     def decompose(dm):
         return list(names), [sets[name] for name in names], [
-            _block(comm, {name: sets[name]}, level) for name in names]
+            _block(comm, {name: sets[name]}, level, most) for name in names]
 
     def sub_dm(dm, fields):
         chosen = {names[k]: sets[names[k]] for k in fields}
-        return _joined(comm, chosen), _block(comm, chosen, level)
+        return _joined(comm, chosen), _block(comm, chosen, level, most)
 
     dm = PETSc.DMShell().create(comm=comm)
     dm.setGlobalVector(vector)
@@ -172,7 +177,7 @@ def _shell(comm, sets, vector, level):
     return dm
 
 
-def _block(comm, chosen, level):
+def _block(comm, chosen, level, most):
     joined = _joined(comm, chosen)
     vector = PETSc.Vec().createMPI((joined.getLocalSize(), None), comm=comm)
     # Each rank's numbers are contiguous within the block.
@@ -180,11 +185,11 @@ def _block(comm, chosen, level):
     inner = {name: PETSc.IS().createGeneral(
         (start + np.searchsorted(joined.indices, part.indices)).astype(PETSc.IntType), comm=comm)
         for name, part in chosen.items()}
-    dm = _shell(comm, inner, vector, level)
+    dm = _shell(comm, inner, vector, level, most)
     nodes = level(list(chosen))
     if nodes:
         _add_levels(dm, nodes)
-        dm.setRefineLevel(nodes.coarsenings)
+        dm.setRefineLevel(min(most, nodes.coarsenings))
     return dm
 
 

@@ -143,13 +143,15 @@ TABLE = (
            "(-ts_type pseudo)"),
     Option("restart_snapshot", "int", -1, "", "which snapshot of that file; negative counts from "
            "the end"),
-    _positive("step_change", 0.10, "", "largest change in one step, of the velocity over its "
-              "largest value and of the stress deviator over mu_s P0; a step that exceeds it by "
-              "half is repeated smaller",
-              "max|v_n+1 - v_n|/max|v_n+1|, max|sigma'_n+1 - sigma'_n|/(mu_s P0)"),
+    _positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "
+              "last two states, of the velocity over its largest value and of the stress deviator "
+              "over mu_s P0; a step that exceeds it twice is repeated smaller",
+              "max|v - v*|/max|v|, max|sigma' - sigma'*|/(mu_s P0)"),
+    _positive("step_perturbation", 1e-3, "", "departure from homogeneous flow over the largest "
+              "velocity from which on `step_error` counts relative to that departure"),
     _positive("step_first", None, "1/gdot0", "first time step; a tenth of the time of elastic "
               "loading unless given", "mu_s P0/(10 G)"),
-    _positive("step_max", 0.002, "1/gdot0", "largest time step"),
+    _positive("step_max", 0.01, "1/gdot0", "largest time step"),
     _positive("step_min", 1e-8, "1/gdot0", "smallest time step; the run stops with an error below "
               "it"),
     Option("step_growth", "float", 1.5, "", "largest ratio of successive steps", low=1.0,

@@ -232,7 +232,7 @@ def test_mesh_motion_is_second_order_in_time(tmp_path):
         path = tmp_path / f"{step}.h5"
         pgran(0, "direct.opts", path, "-pgran_case", "periodic", "-pgran_cell_elements", 2,
               "-pgran_imperfection", 1, "-pgran_inertial_number", 0.1, "-pgran_step_first", step,
-              "-pgran_step_max", step, "-pgran_step_change", 10, "-pgran_compression", end,
+              "-pgran_step_max", step, "-pgran_step_error", 10, "-pgran_compression", end,
               "-pgran_snapshots", end)
         _, fields = snapshot(path)
         start = np.array(np.meshgrid(10.0 * np.arange(4), 30.0 * np.arange(4)))

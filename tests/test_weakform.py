@@ -5,6 +5,7 @@ Every test here runs unchanged on any number of ranks.
 
 import numpy as np
 import pytest
+import plain
 from conftest import discretised, newton, noise
 from mpi4py import MPI
 
@@ -70,6 +71,34 @@ def test_jacobian_is_the_derivative_of_the_residual(case, model, law, regime, th
     error, norm = (np.sqrt(COMM.allreduce(d @ d)) for d in
                    (difference - product.array, difference))
     assert error < 1e-6 * norm
+
+
+@pytest.mark.parametrize("law", ["bingham", "jop"])
+@pytest.mark.parametrize("model", ["ngf", "li"])
+@pytest.mark.parametrize("case", ["biaxial", "periodic"])
+def test_vectorised_kernels_are_those_of_plain_loops(monkeypatch, case, model, law):
+    monkeypatch.setattr("pgran.weakform.BATCH", 5)  # several batches, the last one short
+    form = discretised(case=case, model=model, law=law, inertial_number=0.1, width=4, height=6,
+                       element_size=1, cell_elements=4, mu_2=6.0)
+    grid = form.grid
+    x, local = state(form, "flowing")
+    stress = np.full((3, 9, grid.n_elements), 0.02)
+    fixed = form.prescribed(0.1)
+    step = Step(form, x, stress, 0.2, fixed, 0.0 * fixed)
+    forces, tangent = plain.assembled(form, local, step)
+    np.testing.assert_allclose(form.residual(local, 0.0 * local, step), forces[grid.owned],
+                               rtol=1e-12, atol=1e-12 * np.abs(forces).max())
+    matrix = form.create_matrix()
+    for _ in range(2):  # a matrix that is filled again keeps nothing of the first time
+        form.jacobian(local, 0.0, step, matrix)
+    starts, columns, values = matrix.getValuesCSR()
+    rows = np.repeat(np.arange(grid.n_owned), np.diff(starts))
+    found = np.zeros((grid.n_owned, matrix.getSize()[1]))
+    found[rows, columns] = values
+    expected = np.zeros_like(found)
+    for column in range(grid.n_local):  # a small cell meets itself: two local columns may be one
+        expected[:, grid.global_number[column]] += tangent[grid.owned, column]
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("law", ["bingham", "jop"])
