@@ -117,9 +117,9 @@ def one_step(settings, comm, path, number, dt):
 
 
 def main():
-    from petsc4py import PETSc
-
     def action(settings, comm):
+        from petsc4py import PETSc
+
         database = PETSc.Options()
         found = one_step(settings, comm, database.getString("from"),
                          database.getInt("snapshot", -1), database.getReal("dt", 1e-3))
