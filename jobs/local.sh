@@ -4,20 +4,16 @@
 #   bash jobs/local.sh setup     packages and .venv
 #   bash jobs/local.sh run       the biaxial job: results/biaxial.h5, .xdmf and pictures
 #   bash jobs/local.sh test      the tests
-#   bash jobs/local.sh figures   the figures of the linear theory: results/figures/fig*.png and .h5
+#   bash jobs/local.sh figures   the paper's figures 1 to 9: results/figures/fig*.png and .h5
 #
 # Each call sets up what is missing and skips what is in place. PGRAN_RANKS (2) is the
 # number of ranks of a run. Two packages beyond the obvious: OpenBLAS makes MUMPS several times
 # faster than the reference BLAS, OSMesa draws without a screen.
-set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 packages=(python3-petsc4py python3-slepc4py python3-mpi4py python3-h5py-mpi mpi-default-bin
           python3-venv libopenblas0-pthread libosmesa6)
 modules=(setuptools wheel "numpy<2" pyvista matplotlib pytest sympy)
-
-export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
-export OMPI_MCA_rmaps_base_oversubscribe=1  # more ranks than cores, if asked for
 
 setup() {
     local missing=() package root=()
@@ -57,27 +53,23 @@ setup() {
     echo "$wanted" > .venv/pgran-ready
 }
 
-finished() {
-    [[ -f results/$1.h5 && results/$1.h5 -nt options/$1.opts ]] \
-        && .venv/bin/python -c 'import h5py, sys; sys.exit(not h5py.File(sys.argv[1]).attrs.get("complete", False))' \
-            "results/$1.h5"
+job() {
+    run results/biaxial.h5 options/biaxial.opts
+    $python -m pgran.measure results/biaxial.h5
+    [[ results/biaxial_0001.png -nt results/biaxial.h5 ]] \
+        || $python -m pgran.plot results/biaxial.h5
 }
 
-run() {
-    if finished biaxial; then
-        echo "pgran: results/biaxial.h5 is in place"
-    else
-        mpiexec -n "${PGRAN_RANKS:-2}" .venv/bin/python -m pgran -options_file options/biaxial.opts
-    fi
-    .venv/bin/python -m pgran.measure results/biaxial.h5
-    [[ results/biaxial_0001.png -nt results/biaxial.h5 ]] \
-        || .venv/bin/python -m pgran.plot results/biaxial.h5
+figures() {
+    $python -m pgran.figures fig1 fig2 fig8 fig9
+    local number
+    for number in 3 4 5 6 7; do bash jobs/fig$number.sh; done
 }
 
 case "${1:-}" in
     setup) setup ;;
-    run) setup; run ;;
-    figures) setup; .venv/bin/python -m pgran.figures fig1 fig2 fig8 fig9 ;;
-    test) setup; shift; exec .venv/bin/python -m pytest "$@" ;;
+    run) setup; job ;;
+    figures) setup; figures ;;
+    test) setup; shift; exec $python -m pytest "$@" ;;
     *) sed -n '2,11s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
 esac

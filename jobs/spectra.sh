@@ -4,16 +4,13 @@
 # mesh.
 # Tables go to results/spectra_*.csv and results/spectra.txt.
 # Usage: bash jobs/spectra.sh
-set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 bash jobs/local.sh setup
-export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
-export OMPI_MCA_rmaps_base_oversubscribe=1  # more ranks than cores, if asked for
 mkdir -p results
 exec > >(tee results/spectra.txt)
 
 eigen() {
-    mpiexec -n "${PGRAN_RANKS:-2}" .venv/bin/python -m pgran.eigen -options_file options/eigen.opts "$@"
+    mpiexec -n "${PGRAN_RANKS:-2}" $python -m pgran.eigen -options_file options/eigen.opts "$@"
 }
 
 for model in ngf li; do
@@ -26,7 +23,7 @@ echo "== fastest mode over the inertial number: I0, law, computed, analytic, rel
 for law in bingham jop; do
     for number in 1e-4 1e-3 3e-3 1e-2; do
         eigen -pgran_law "$law" -pgran_inertial_number "$number" -pgran_cell_elements 32 \
-            -eps_nev 1 -json | .venv/bin/python -c "
+            -eps_nev 1 -json | $python -c "
 import json, sys
 row = json.load(sys.stdin)[0]
 print(f'  $number  $law  {row[\"computed\"]:.8g}  {row[\"analytic\"]:.8g}  {row[\"relative_error\"]:.2e}')"
@@ -36,11 +33,11 @@ done
 echo "== one wave vector each: model, I0, wave vector, computed, analytic, relative error (Jop law)"
 one() {
     local target
-    target=$(.venv/bin/python -m pgran.stability -pgran_law jop -pgran_model "$1" \
-        -pgran_inertial_number "$2" -wave_vector "$3" -json | .venv/bin/python -c \
+    target=$($python -m pgran.stability -pgran_law jop -pgran_model "$1" \
+        -pgran_inertial_number "$2" -wave_vector "$3" -json | $python -c \
         "import json, sys; print(0.999 * json.load(sys.stdin)['growth_rate_gdot0'])")
     eigen -pgran_law jop -pgran_model "$1" -pgran_inertial_number "$2" -wave_vector "$3" \
-        -target "$target" -pgran_cell_elements 32 -eps_nev 2 -json | .venv/bin/python -c "
+        -target "$target" -pgran_cell_elements 32 -eps_nev 2 -json | $python -c "
 import json, sys
 rows = json.load(sys.stdin)
 row = min(rows, key=lambda row: abs(row['analytic'] * 0.999 - $target))
@@ -54,7 +51,7 @@ for vector in 0.0325,0.0265 0.065,0.053 0.13,0.106 0.26,0.212; do one li 1e-3 "$
 echo "== the specimen on its frozen initial mesh: I0, L (d), element (d), modes found to grow, leading ones"
 specimen() {
     eigen -pgran_case biaxial -pgran_inertial_number "$1" -pgran_width "$2" \
-        -pgran_element_size "$3" -json | .venv/bin/python -c "
+        -pgran_element_size "$3" -json | $python -c "
 import json, sys
 rows = json.load(sys.stdin)
 growing = sum(row['computed'] > 0 for row in rows)

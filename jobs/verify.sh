@@ -2,21 +2,14 @@
 # How far the answer of the main job depends on what the paper does not state: stiffer elasticity,
 # half the element size, half the step limits, a larger inertial number. About 15 minutes on two
 # cores; runs that are done are not repeated. Usage: bash jobs/verify.sh [directory]
-set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 bash jobs/local.sh setup
-export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
-export OMPI_MCA_rmaps_base_oversubscribe=1  # more ranks than cores, if asked for
 results=${1:-results/verify}
 
 job() {
     local name=$1
     shift
-    [[ -f $results/$name.done ]] && return
-    echo "== $name: $*"
-    mpiexec -n "${PGRAN_RANKS:-2}" .venv/bin/python -m pgran -options_file options/biaxial.opts \
-        -pgran_output "$results/$name.h5" "$@"
-    touch "$results/$name.done"
+    run "$results/$name.h5" options/biaxial.opts "$@"
 }
 
 job base

@@ -8,7 +8,9 @@ of its result file; a failed one with the reason, and exit code 1.
 """
 
 import os
+import resource
 import sys
+import time
 import traceback
 
 import petsc4py
@@ -104,6 +106,7 @@ def run(settings, comm):
     from .options import OptionError
     from .terminal import Terminal
 
+    begin = time.monotonic()
     form = weakform.discretise(settings, comm)
     case, frozen = form.case, evolve.frozen()
     if settings.restart and not frozen:
@@ -111,7 +114,10 @@ def run(settings, comm):
     if settings.inertia and frozen:
         raise OptionError("-pgran_inertia true: steady flow is quasi-static; allowed with "
                           "-ts_type pseudo is false")
-    state = evolve.steady_start(form) if frozen else evolve.rest(form)
+    if frozen:
+        state = evolve.steady_start(form)
+    else:
+        state = evolve.homogeneous(form) if settings.seed else evolve.rest(form)
     targets = [] if frozen else [case.time_at(c) for c in settings.snapshots]
     terminal = Terminal(comm, settings.progress)
 
@@ -152,7 +158,10 @@ def run(settings, comm):
     complete = not evolution.targets
     if frozen or not complete:
         write_fields()
-    writer.flush(complete=complete)
+    memory = comm.tompi4py().allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024
+    cost = {**evolution.cost(), "seconds": time.monotonic() - begin, "memory": memory,
+            "ranks": comm.size}
+    writer.flush(complete=complete, **cost)
     if frozen:
         residual = evolution.steady_residual()
         writer.flush(steady_residual=residual)
@@ -162,7 +171,7 @@ def run(settings, comm):
         reached = 100 * case.compression(evolution.state.time)
         terminal.say(f"  stopped by PETSc's options at {reached:.4g} % of "
                      f"{100 * settings.compression:g} %")
-    terminal.closing(writer, evolution)
+    terminal.closing(writer, cost)
 
 
 if __name__ == "__main__":

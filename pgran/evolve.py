@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from . import fieldsplit, rheology
 from .element import SHAPE
 from .options import OptionError
-from .results import read_snapshot
+from .results import read_mode, read_snapshot
 from .weakform import Step
 
 
@@ -69,21 +69,35 @@ def rest(form):
     return State(0.0, x, local, np.zeros((3, 9, grid.n_elements)))
 
 
+def homogeneous(form):
+    """Return the `State` of homogeneous rigid-viscous flow, with the mode of ``-pgran_seed`` if any.
+
+    Raises `OptionError` where the mode does not fit. Collective with a mode.
+    """
+    grid, case, material, settings = form.grid, form.case, form.material, form.case.settings
+    nodes, corners = grid.nodes, grid.corners
+    x = case.coordinates(nodes.i, nodes.j)
+    local = grid.join(case.start(x), np.full(nodes.size, material.fluidity),
+                      np.full(corners.size, material.pressure))
+    if settings.seed:
+        mode = read_mode(settings, nodes, grid.comm.tompi4py())
+        pressure = mode["pressure"][nodes.index(2 * corners.i, 2 * corners.j)]
+        local = local + settings.seed_size * grid.join(
+            mode["velocity"], mode.get("fluidity"), pressure)
+    free, still = np.full(grid.n_local, np.nan), np.zeros((3, 9, grid.n_elements))
+    return State(0.0, x, local, form.stress(local, Step(form, x, still, 0.0, free, free)))
+
+
 def steady_start(form):
     """Return the `State` from which steady flow is sought.
 
     That of the snapshot which ``-pgran_restart`` names, or homogeneous flow at P0
     and g0 on the initial geometry. Raises `OptionError` where the snapshot does not fit.
     """
-    grid, case, settings = form.grid, form.case, form.case.settings
-    nodes, corners, material = grid.nodes, grid.corners, form.material
+    grid, settings = form.grid, form.case.settings
+    nodes, corners = grid.nodes, grid.corners
     if not settings.restart:
-        x, time = case.coordinates(nodes.i, nodes.j), 0.0
-        local = grid.join(case.start(x), np.full(nodes.size, material.fluidity),
-                          np.full(corners.size, material.pressure))
-        free, still = np.full(grid.n_local, np.nan), np.zeros((3, 9, grid.n_elements))
-        stress = form.stress(local, Step(form, x, still, 0.0, free, free))
-        return State(time, x, local, stress)
+        return homogeneous(form)
     if any(grid.periodic):
         raise OptionError(f"-pgran_restart {settings.restart}: not for -pgran_case "
                           f"{settings.case}")
@@ -320,6 +334,14 @@ class Evolution:
         self.ts.setTimeStep(dt)
 
     # What observers ask for
+
+    def cost(self):
+        """Return the steps and iterations so far, those of repeated steps included."""
+        ts = self.ts
+        return {"steps": ts.getStepNumber(),
+                "steps_repeated": self.rejected + ts.getStepRejections(),
+                "newton_iterations": ts.getSNESIterations(),
+                "linear_iterations": ts.getKSPIterations()}
 
     def plate_stress(self):
         """Return the mean normal stress on the plate in the last step, |sigma_1|; nan without one.

@@ -33,22 +33,25 @@ def field_shell(form):
     grids leave the prescribed unknowns alone.
     """
     grid = form.grid
-    sets = grid.field_sets()
-    held = grid.split(form.held)
-    flow = [*held[0], held[1]] if grid.dof > 2 else held[0]
-    columns = {"velocity": [0, 1], "fluidity": [2]}
+    return _shell(grid.comm, grid.field_sets(), grid.create_vector(),
+                  lambda names: node_level(form, names))
 
-    def level(names):
-        if "pressure" in names:
-            return None
-        held = np.array([flow[k] for name in names for k in columns[name]])[:, grid.nodes.owned]
-        starts = [np.concatenate([[0], np.cumsum(part)])
-                  for part in grid.nodes.dm.getOwnershipRanges()]
-        return NodeLevel(grid.comm, grid.shape, grid.periodic, starts, len(held), held.T.ravel())
 
-    corner = np.diff(form.case.coordinates(np.array([0, 2]), np.array([0, 2])))
-    most = np.log2(COARSEST * form.material.A / corner.max())
-    return _shell(grid.comm, sets, grid.create_vector(), level, max(0, int(most)))
+def node_level(form, names):
+    """Return the `NodeLevel` of the fields ``names``, None where pressure is one of them."""
+    if "pressure" in names:
+        return None
+    grid = form.grid
+    velocity, fluidity, _ = grid.split(form.held)
+    held = {"velocity": [*velocity], "fluidity": [fluidity]}
+    held = np.array(sum((held[name] for name in names), []))[:, grid.nodes.owned]
+    starts = [np.concatenate([[0], np.cumsum(part)])
+              for part in grid.nodes.dm.getOwnershipRanges()]
+    level = NodeLevel(grid.comm, grid.shape, grid.periodic, starts, len(held), held.T.ravel())
+    side = np.diff(form.case.coordinates(np.array([0, 2]), np.array([0, 2]))).max()
+    level.depth = max(0, min(level.coarsenings,
+                             int(np.log2(COARSEST * form.material.A / side))))
+    return level
 
 
 def configure(ksp, form):
@@ -74,8 +77,11 @@ class NodeLevel:
     Parameters: ``shape`` elements, ``periodic`` two bools, ``starts`` the first node
     index of each part of the ranks and the end, in x1 and x2; ``dof`` unknowns of a
     node; ``held`` (n_owned,), node by node, which of them are prescribed. A rank owns
-    the coarse nodes that coincide with its fine ones.
+    the coarse nodes that coincide with its fine ones. ``depth``: how many coarser levels
+    are worth having.
     """
+
+    depth = 0
 
     def __init__(self, comm, shape, periodic, starts, dof, held):
         self.comm, self.shape, self.periodic, self.starts = comm, shape, periodic, starts
@@ -158,17 +164,17 @@ class NodeLevel:
         return PETSc.Vec().createMPI((self.held.size, None), bsize=self.dof, comm=self.comm)
 
 
-def _shell(comm, sets, vector, level, most):
+def _shell(comm, sets, vector, level):
     """A DM of the fields ``sets``; ``level(names)`` gives their `NodeLevel`, None where none is."""
     names = list(sets)
 
     def decompose(dm):
         return list(names), [sets[name] for name in names], [
-            _block(comm, {name: sets[name]}, level, most) for name in names]
+            _block(comm, {name: sets[name]}, level) for name in names]
 
     def sub_dm(dm, fields):
         chosen = {names[k]: sets[names[k]] for k in fields}
-        return _joined(comm, chosen), _block(comm, chosen, level, most)
+        return _joined(comm, chosen), _block(comm, chosen, level)
 
     dm = PETSc.DMShell().create(comm=comm)
     dm.setGlobalVector(vector)
@@ -177,7 +183,7 @@ def _shell(comm, sets, vector, level, most):
     return dm
 
 
-def _block(comm, chosen, level, most):
+def _block(comm, chosen, level):
     joined = _joined(comm, chosen)
     vector = PETSc.Vec().createMPI((joined.getLocalSize(), None), comm=comm)
     # Each rank's numbers are contiguous within the block.
@@ -185,11 +191,11 @@ def _block(comm, chosen, level, most):
     inner = {name: PETSc.IS().createGeneral(
         (start + np.searchsorted(joined.indices, part.indices)).astype(PETSc.IntType), comm=comm)
         for name, part in chosen.items()}
-    dm = _shell(comm, inner, vector, level, most)
+    dm = _shell(comm, inner, vector, level)
     nodes = level(list(chosen))
     if nodes:
         _add_levels(dm, nodes)
-        dm.setRefineLevel(min(most, nodes.coarsenings))
+        dm.setRefineLevel(nodes.depth)
     return dm
 
 

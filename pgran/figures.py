@@ -1,9 +1,10 @@
-"""Draw the paper's figures: python -m pgran.figures fig1 fig2 fig8 fig9
+"""Draw the paper's figures: python -m pgran.figures fig1 ... fig9
 
 Writes results/figures/figN.png and, as figN.h5, the numbers behind it, and prints
 each number that the text states beside the computed one. ``-output DIR`` changes the
 directory. Where results/spectra_ngf.csv and results/spectra_li.csv exist
-(bash jobs/spectra.sh), figure 1 shows SLEPc's points on its contours.
+(bash jobs/spectra.sh), figure 1 shows SLEPc's points on its contours. Figures 3 to 7 are
+drawn from the runs of jobs/fig3.sh to jobs/fig7.sh; ``-results DIR`` says where these are.
 """
 
 import sys
@@ -16,7 +17,7 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
-from . import options, rheology, stability  # noqa: E402
+from . import compression, options, rheology, stability  # noqa: E402
 from .stability import BASE_FLOWS, Coefficients  # noqa: E402
 from .stability import PURE_SHEAR as PURE  # noqa: E402
 
@@ -225,19 +226,21 @@ def fig9(save):
     save(figure, data, table)
 
 
-FIGURES = {"fig1": fig1, "fig2": fig2, "fig8": fig8, "fig9": fig9}
+FIGURES = {"fig1": fig1, "fig2": fig2, **compression.FIGURES, "fig8": fig8, "fig9": fig9}
 
 
 def main(arguments):
     """Draw the figures named in ``arguments``; return the exit code."""
-    directory = Path("results/figures")
-    if "-output" in arguments:
-        place = arguments.index("-output")
-        if place + 1 == len(arguments):
-            print("pgran.figures: error: -output: a directory is missing", file=sys.stderr)
-            return 1
-        directory = Path(arguments[place + 1])
-        arguments = arguments[:place] + arguments[place + 2:]
+    directories = {"-output": "results/figures", "-results": "results/section4"}
+    for option in directories:
+        if option in arguments:
+            place = arguments.index(option)
+            if place + 1 == len(arguments):
+                print(f"pgran.figures: error: {option}: a directory is missing", file=sys.stderr)
+                return 1
+            directories[option] = arguments[place + 1]
+            arguments = arguments[:place] + arguments[place + 2:]
+    directory = Path(directories["-output"])
     if not arguments or set(arguments) - set(FIGURES):
         wrong = " ".join(sorted(set(arguments) - set(FIGURES))) or "no figure"
         print(f"pgran.figures: error: {wrong}: allowed is {' '.join(FIGURES)}", file=sys.stderr)
@@ -255,7 +258,14 @@ def main(arguments):
                 shown = f"{found:.5g}" if isinstance(found, float) else found
                 print(f"  {text:66} paper {stated!s:>18}  computed {shown}")
 
-        FIGURES[name](save)
+        try:
+            if name in compression.FIGURES:
+                FIGURES[name](save, directories["-results"])
+            else:
+                FIGURES[name](save)
+        except options.OptionError as error:
+            print(f"pgran.figures: error: {error}", file=sys.stderr)
+            return 1
     return 0
 
 

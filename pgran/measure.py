@@ -1,5 +1,8 @@
 """Measure the shear band in a result file: python -m pgran.measure NAME.h5 [-json]
 
+``python -m pgran.measure -meshes COARSE.h5 FINE.h5 ...`` compares the last snapshots of runs on
+meshes that divide each other, at common material points.
+
 For each snapshot: the angle of the band with the x1 axis, its width (full width at
 half maximum of the inertial number, normal to the band, averaged along it), the
 range of I, and whether the flow is localised.
@@ -121,6 +124,29 @@ def _count_bands(x, I, share, normal):
     return int(np.count_nonzero(inside[1:] & ~inside[:-1]))
 
 
+def mesh_differences(results):
+    """Return how far I changes from each of successive meshes to the next, a list of dictionaries.
+
+    ``results`` = pairs of coordinates (ny, nx, 2) and I (ny, nx) on meshes whose elements are
+    divided by those of the next one, so that every node is a node of the next mesh: the same
+    material point. ``l2``: the L2 norm of the difference over that of the finer I, with the
+    areas of the coarser nodes; ``maximum``: the largest difference over the largest finer I;
+    ``order``: log2 of the ratio of successive ``l2`` where elements were halved, else None.
+    """
+    rows = []
+    for (x, coarse), (_, finest) in zip(results, results[1:]):
+        step = max(1, (len(finest) - 1) // (len(coarse) - 1))
+        fine = finest[::step, ::step]
+        if fine.shape != coarse.shape or (len(finest) - 1) % (len(coarse) - 1):
+            raise ValueError(f"{finest.shape} nodes do not divide the cells of {coarse.shape}")
+        area, apart = node_areas(x), coarse - fine
+        l2 = float(np.sqrt((area * apart**2).sum() / (area * fine**2).sum()))
+        order = np.log2(rows[-1]["l2"] / l2) if rows and step == rows[-1]["step"] == 2 else None
+        rows.append({"step": step, "l2": l2, "order": order,
+                     "maximum": float(np.abs(apart).max() / finest.max())})
+    return rows
+
+
 def measure(path):
     """Return a list with a dictionary for each snapshot of a result file.
 
@@ -138,17 +164,38 @@ def measure(path):
     return found
 
 
+def compare(paths, as_json):
+    """Print `mesh_differences` of the last snapshots of result files."""
+    results = []
+    for path in paths:
+        with h5py.File(path, "r") as file:
+            group = file["snapshots"][sorted(file["snapshots"])[-1]]
+            results.append((group["coordinates"][...], group["inertial_number"][...]))
+    rows = mesh_differences(results)
+    if as_json:
+        print(json.dumps(rows, indent=1))
+        return
+    print("difference of I from the next mesh, over its L2 norm and over its maximum")
+    for path, row in zip(paths, rows):
+        order = "" if row["order"] is None else f"  order {row['order']:.2f}"
+        print(f"  {path}: {100 * row['l2']:.2f} %  {100 * row['maximum']:.2f} %{order}")
+
+
 def main(arguments):
     """Print the measurements of the files named in ``arguments``; return the exit code."""
     paths = [argument for argument in arguments if not argument.startswith("-")]
-    unknown = [a for a in arguments if a.startswith("-") and a not in ("-json", "-help")]
+    unknown = [a for a in arguments if a.startswith("-") and a not in ("-json", "-help", "-meshes")]
     if unknown or "-help" in arguments or not paths:
-        print(__doc__ if not unknown else f"pgran.measure: error: {unknown[0]}: allowed is -json",
+        print(__doc__ if not unknown else f"pgran.measure: error: {unknown[0]}: allowed is -json "
+              "| -meshes",
               file=sys.stderr if unknown else sys.stdout)
         return 0 if "-help" in arguments else 1
     try:
+        if "-meshes" in arguments:
+            compare(paths, "-json" in arguments)
+            return 0
         found = {path: measure(path) for path in paths}
-    except (OSError, KeyError) as problem:
+    except (OSError, KeyError, ValueError) as problem:
         print(f"pgran.measure: error: not a result file: {problem}", file=sys.stderr)
         return 1
     if "-json" in arguments:

@@ -132,6 +132,10 @@ TABLE = (
            "(2.2)", length=2),
     Option("imperfection", "float", 0.99, "", "yield value of the central element over mu_s; "
            "1 leaves it out", low=0.0, open_low=True, high=1.0),
+    _positive("imperfection_size", None, "d", "side of the weak square, whose lower left corner is "
+              "at the centre (biaxial); one element unless given"),
+    Option("imperfection_mirrored", "bool", False, "", "put the weak square to the left of the "
+           "centre instead (biaxial)"),
     Option("compression", "float", 0.10, "", "where the run ends, 1 - h/H", "h = H exp(D2 t)",
            low=0.0, high=1.0, open_low=True, open_high=True),
     Option("snapshots", "floats", None, "", "compressions at which the fields are written, each "
@@ -143,6 +147,9 @@ TABLE = (
            "(-ts_type pseudo)"),
     Option("restart_snapshot", "int", -1, "", "which snapshot of that file; negative counts from "
            "the end"),
+    Option("seed", "str", None, "", "file of a mode, as pgran.eigen writes it, that is added to "
+           "homogeneous flow to start from"),
+    _positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode"),
     _positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "
               "last two states, of the velocity over its largest value and of the stress deviator "
               "over mu_s P0; a step that exceeds it twice is repeated smaller",

@@ -188,9 +188,12 @@ def write_xdmf(path, shape, snapshots, fields):
     draft.replace(path.with_suffix(".xdmf"))
 
 
-#: Options that a snapshot must share with the run that starts from it.
+#: Options that a mode or a snapshot must share with the run that starts from it.
+MODE_PHYSICS = ("case", "model", "law", "mu_s", "mu_2", "b", "A", "phi", "inertial_number", "width",
+                "height")
 PHYSICS = ("case", "model", "law", "mu_s", "mu_2", "b", "A", "inertial_number", "width", "height",
-           "element_size", "imperfection", "body_force")
+           "element_size", "imperfection", "imperfection_size", "imperfection_mirrored",
+           "body_force")
 
 
 def read_snapshot(settings, lattice, comm):
@@ -200,28 +203,45 @@ def read_snapshot(settings, lattice, comm):
     `OptionError` where the file, the snapshot, its grid or its physics does not fit.
     Collective.
     """
-    path, number = settings.restart, settings.restart_snapshot
+    return _read_fields(settings, "restart", settings.restart_snapshot, PHYSICS, lattice, comm,
+                        ("coordinates", "velocity", "pressure", "fluidity", "deviator"))
+
+
+def read_mode(settings, lattice, comm):
+    """Return the mode that ``-pgran_seed`` names, {name: (..., n)} at local nodes. Collective.
+
+    Its velocity is 1 at most. Raises `OptionError` as `read_snapshot` does.
+    """
+    names = ("velocity", "pressure") + (("fluidity",) if settings.model == "ngf" else ())
+    return _read_fields(settings, "seed", 0, MODE_PHYSICS, lattice, comm, names)[1]
+
+
+def _read_fields(settings, option, number, physics, lattice, comm, names):
+    path = getattr(settings, option)
     try:
-        with open_file(path, "r", comm, "restart") as file:
-            names = sorted(file["snapshots"])
-            if not -len(names) <= number < len(names):
-                raise OptionError(f"-pgran_restart_snapshot {number}: {path} holds {len(names)}")
-            group = file["snapshots"][names[number]]
-            shape = group["deviator"].shape[:2]
+        with open_file(path, "r", comm, option) as file:
+            found = sorted(file["snapshots"])
+            if not -len(found) <= number < len(found):
+                raise OptionError(f"-pgran_{option}_snapshot {number}: {path} holds {len(found)}")
+            group = file["snapshots"][found[number]]
+            shape = group[names[0]].shape[:2]
             if shape != lattice.shape[::-1]:
-                raise OptionError(f"-pgran_restart {path}: its {shape[1]} x {shape[0]} nodes are "
+                raise OptionError(f"-pgran_{option} {path}: its {shape[1]} x {shape[0]} nodes are "
                                   f"not the {lattice.shape[0]} x {lattice.shape[1]} of this grid")
             theirs = read(dict(line[1:].split(" ", 1)
                                for line in file.attrs["options"].splitlines()))
-            for name in PHYSICS:
+            for name in physics:
                 if getattr(theirs, name) != getattr(settings, name):
                     raise OptionError(f"-pgran_{name} {getattr(settings, name)}: {path} was made "
                                       f"with {getattr(theirs, name)}")
-            j0, j1 = lattice.j.min(), lattice.j.max() + 1
-            i0, i1 = lattice.i.min(), lattice.i.max() + 1
-            fields = {name: np.moveaxis(group[name][j0:j1, i0:i1], (0, 1), (-2, -1)).reshape(
-                group[name].shape[2:] + (-1,)) for name in (
-                    "coordinates", "velocity", "pressure", "fluidity", "deviator")}
+            nx, ny = lattice.shape
+            j0, i0 = lattice.j.min(), lattice.i.min()
+            # Ghosts of a periodic lattice lie beyond its ends.
+            rows, columns = (np.arange(low, index.max() + 1) % n for low, index, n in (
+                (j0, lattice.j, ny), (i0, lattice.i, nx)))
+            fields = {name: np.moveaxis(group[name][...][np.ix_(rows, columns)], (0, 1),
+                                        (-2, -1)).reshape(group[name].shape[2:] + (-1,))
+                      for name in names}
             return dict(group.attrs), fields
     except (OSError, KeyError) as problem:
-        raise OptionError(f"-pgran_restart {path}: cannot be read ({problem})") from None
+        raise OptionError(f"-pgran_{option} {path}: cannot be read ({problem})") from None

@@ -57,11 +57,9 @@ class Terminal:
                  f"I {report['inertial_number_min']:.2e} to {report['inertial_number_max']:.2e}"
                  f"{left}")
 
-    def closing(self, writer, evolution):
-        """Say what the run took and where its results are."""
-        ts = evolution.ts
-        self.say(f"  {ts.getStepNumber()} steps ({evolution.rejected + ts.getStepRejections()} "
-                 f"repeated smaller), {ts.getSNESIterations()} Newton and "
-                 f"{ts.getKSPIterations()} linear iterations, "
-                 f"{time.monotonic() - self.start:.1f} s\n"
+    def closing(self, writer, cost):
+        """Say what the run took, as `Evolution.cost` and more tell, and where its results are."""
+        self.say(f"  {cost['steps']} steps ({cost['steps_repeated']} repeated smaller), "
+                 f"{cost['newton_iterations']} Newton and {cost['linear_iterations']} linear "
+                 f"iterations, {cost['seconds']:.1f} s, {cost['memory']:.0f} MB\n"
                  f"  results: {writer.path}, {writer.path.with_suffix('.xdmf')}")

@@ -29,3 +29,27 @@ def test_figures_of_the_theory_come_with_their_numbers(tmp_path, capsys):
 def test_unknown_figures_are_refused(arguments, capsys):
     assert figures.main(arguments) == 1
     assert "allowed is fig1 fig2" in capsys.readouterr().err
+
+
+def test_a_figure_of_section_4_is_drawn_from_what_is_there(tmp_path, capsys):
+    results, pictures = tmp_path / "results", tmp_path / "pictures"
+    results.mkdir()
+    given = ["fig6", "-results", str(results), "-output", str(pictures)]
+    assert figures.main(given) == 1
+    assert "bash jobs/fig6.sh makes them" in capsys.readouterr().err
+    for size, ratio in ((2, 1), (1, 2)):
+        x, y = np.meshgrid(np.linspace(0.0, 42.0, 20 * ratio + 1),
+                           np.linspace(0.0, 108.0, 60 * ratio + 1))
+        with h5py.File(results / f"ngf_L40_I0.001_h{size}.h5", "w") as file:
+            file.attrs["options"] = ("-pgran_element_size %g\n-pgran_inertial_number 0.001\n" % size)
+            group = file.create_group("snapshots/0000")
+            group.attrs["compression"] = 0.10
+            group["coordinates"] = np.stack([x, y], axis=-1)
+            group["inertial_number"] = 4e-3 * np.exp(-((y - 54.0 - 1.23 * (x - 21.0)) / 15.0)**2)
+    assert figures.main(given) == 0
+    text = capsys.readouterr().out
+    assert (pictures / "fig6.png").stat().st_size > 10000
+    assert "not drawn, as the run is missing: ngf_L40_I0.001_h0.5" in text
+    assert "h2 to h1: difference of I over its L2 norm" in text
+    with h5py.File(pictures / "fig6.h5") as file:
+        assert file["a/I"].shape == (61, 21) and file["b/I"].shape == (121, 41)

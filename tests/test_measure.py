@@ -72,3 +72,17 @@ def test_a_file_is_measured_by_snapshot(tmp_path, capsys):
     assert measure.main([str(path)]) == 0
     assert "localised  1 band" in capsys.readouterr().out
     assert measure.main([str(tmp_path / "none.h5")]) == 1
+
+
+def test_differences_between_meshes_find_the_order():
+    results = []
+    for n in (10, 20, 40, 80):
+        x = specimen(False, n + 1, 3 * n + 1)
+        I = gaussian_band(x, 51.0, 20.0) * (1.0 + 3.0 / n**2 * np.cos(x[..., 0] / 8.0))
+        results.append((x, I))
+    rows = measure.mesh_differences(results)
+    assert rows[0]["order"] is None
+    assert all(row["order"] == pytest.approx(2.0, abs=0.05) for row in rows[1:])
+    assert all(row["maximum"] < 2.0 * row["l2"] for row in rows)
+    with pytest.raises(ValueError, match="do not divide the cells"):
+        measure.mesh_differences([results[1], results[0]])

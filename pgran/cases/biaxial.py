@@ -3,7 +3,8 @@
 The bottom carries v2 = 0, its left corner also v1 = 0; the top moves down at
 v2 = D2 H exp(D2 t) and slides freely; the lateral faces carry the normal stress
 sigma_1 = -1, which follows the deformed normal; the fluidity has no flux through
-any face. The element to the upper right of the centre has a lower yield value.
+any face. The element to the upper right of the centre has a lower yield value; how large
+the weak square is and whether it lies to the left are options.
 """
 
 import numpy as np
@@ -22,6 +23,8 @@ class Case(BaseCase):
         super().__init__(settings, material)
         self.shape = tuple(elements_along(name, getattr(settings, name), settings.element_size)
                            for name in ("width", "height"))
+        self._weak = 1 if settings.imperfection_size is None else elements_along(
+            "imperfection_size", settings.imperfection_size, settings.element_size)
 
     def coordinates(self, i, j):
         half = self.settings.element_size / 2.0
@@ -39,4 +42,8 @@ class Case(BaseCase):
 
     def yield_factor(self, i, j):
         nx, ny = self.shape
-        return np.where((i == nx // 2) & (j == ny // 2), self.settings.imperfection, 1.0)
+        if self.settings.imperfection_mirrored:
+            i = nx - 1 - i
+        weak = ((nx // 2 <= i) & (i < nx // 2 + self._weak)
+                & (ny // 2 <= j) & (j < ny // 2 + self._weak))
+        return np.where(weak, self.settings.imperfection, 1.0)

@@ -1,0 +1,157 @@
+"""The figures of section 4, from the results of plane-strain compression.
+
+Each panel shows the inertial number on the deformed shape; one colour scale holds for
+a figure. Dashed lines: the band of the linear theory, at 51 degrees and 24.5 d wide,
+laid through the middle of the computed one. The runs are those of jobs/fig3.sh to
+jobs/fig7.sh, and ``RUNS`` names their files.
+"""
+
+from pathlib import Path
+
+import h5py
+import matplotlib.pyplot as plt
+import numpy as np
+
+from . import measure
+from .options import OptionError
+
+ANGLE, SPACING = 51.0, 24.5  # degrees and d, as the paper draws them
+MESHES = "2", "1", "0.5", "0.25"
+#: Figure to files, without ending, and the compression shown.
+RUNS = {
+    "fig3": [("ngf_L40_I0.001_h0.5", c) for c in (0.05, 0.10, 0.14)],
+    "fig4": [(f"ngf_L{L}_I0.001_h0.5", 0.10) for L in (20, 40, 60)],
+    "fig5": [(f"ngf_L40_I{I0}_h0.5", 0.10) for I0 in (0.001, 0.007, 0.03)],
+    "fig6": [(f"ngf_L40_I0.001_h{h}", 0.10) for h in MESHES],
+    "fig7": [(f"li_L40_I0.001_h{h}", 0.01) for h in MESHES]}
+LETTERS = {"fig3": "bcd"}
+
+
+def panels(name, directory):
+    """Return the panels of a figure whose runs are there, a list of dictionaries, and the rest.
+
+    Raises `OptionError` where none is.
+    """
+    found, missing = [], []
+    for letter, (run, compression) in zip(LETTERS.get(name, "abcd"), RUNS[name]):
+        path = Path(directory) / f"{run}.h5"
+        row = None
+        if path.exists():
+            rows = measure.measure(path)
+            row = next((k for k, r in enumerate(rows)
+                        if abs(r["compression"] - compression) < 1e-6), None)
+        if row is None:
+            missing.append(run)
+            continue
+        with h5py.File(path) as file:
+            group = file["snapshots"][sorted(file["snapshots"])[row]]
+            settings = dict(line[1:].split(" ", 1)
+                            for line in file.attrs["options"].splitlines())
+            found.append({"letter": letter, "run": run, "x": group["coordinates"][...],
+                          "I": group["inertial_number"][...], "band": rows[row],
+                          "settings": settings, "cost": dict(file.attrs)})
+    if not found:
+        raise OptionError(f"{name}: no results in {directory}; bash jobs/{name}.sh makes them")
+    return found, missing
+
+
+def draw(name, save, directory, label, relative=False):
+    """Draw a figure: ``label`` gives the title of a panel; ``relative`` shows I over I0."""
+    shown, missing = panels(name, directory)
+    data, table = {}, [(f"not drawn, as the run is missing: {run}", "", "-") for run in missing]
+    fields = [p["I"] / float(p["settings"]["pgran_inertial_number"]) if relative else p["I"]
+              for p in shown]
+    largest = max(field.max() for field in fields)
+    tall = max(np.ptp(p["x"][..., 1]) / np.ptp(p["x"][..., 0]) for p in shown)
+    figure, axes = plt.subplots(1, len(shown), figsize=(2.6 * len(shown) + 1.2, 2.1 * tall + 0.8),
+                                constrained_layout=True, squeeze=False)
+    for ax, p, field in zip(axes[0], shown, fields):
+        x, band = p["x"], p["band"]
+        image = ax.pcolormesh(x[..., 0], x[..., 1], field, shading="gouraud", cmap="viridis",
+                              vmin=0.0, vmax=largest)
+        edge = np.concatenate([x[0], x[:, -1], x[-1, ::-1], x[::-1, 0]])
+        ax.plot(*edge.T, "k", linewidth=0.6)
+        limits = ax.get_xlim(), ax.get_ylim()
+        if band["localised"] and band["angle"] is not None:
+            slope = np.tan(np.radians(np.copysign(ANGLE, band["angle"])))
+            centre = (x[..., 0].min() + x[..., 0].max()) / 2.0
+            for side in (-0.5, 0.5):
+                rise = side * SPACING / np.cos(np.radians(ANGLE))
+                ax.axline((centre, band["position"] + rise), slope=slope, color="white",
+                          linestyle="dashed", linewidth=0.9)
+        ax.set(xlim=limits[0], ylim=limits[1], aspect="equal", xlabel="$x_1/d$")
+        ax.set_title(f"({p['letter']}) {label(p)}", fontsize=9)
+        for key in ("x", "I"):
+            data[f"{p['letter']}/{key}"] = p[key]
+        table += numbers(p)
+    axes[0, 0].set_ylabel("$x_2/d$")
+    figure.colorbar(image, ax=axes, label="$I/I^0$" if relative else "$I$", shrink=0.7)
+    save(figure, data, table)
+    return shown
+
+
+def numbers(panel):
+    """Return the rows (text, stated, found) of a panel's table."""
+    band, cost = panel["band"], panel["cost"]
+    text = f"({panel['letter']}) {panel['run']} at {100 * band['compression']:g} %"
+    rows = [(f"{text}: I from", "-", band["inertial_number_min"]),
+            (f"{text}: I to", "-", band["inertial_number_max"]),
+            (f"{text}: localised", "-", "yes" if band["localised"] else "no")]
+    if band["localised"] and band["angle"] is not None:
+        rows += [(f"{text}: angle (degrees), +- {band['angle_error']:.1f}", "51 or -51",
+                  band["angle"]),
+                 (f"{text}: width (d), +- {band['width_error']:.1f}", "of the order of 24.5",
+                  band["width"]),
+                 (f"{text}: bands across the profile", "-", band["bands"])]
+    if "seconds" in cost:
+        rows.append((f"{text}: steps/Newton/linear, s, MB", "-",
+                     f"{cost['steps']}/{cost['newton_iterations']}/{cost['linear_iterations']}, "
+                     f"{cost['seconds']:.0f}, {cost['memory']:.0f}"))
+    return rows
+
+
+def fig3(save, directory):
+    """L = 40 d and I0 = 0.001 at 5, 10 and 14 % compression."""
+    draw("fig3", save, directory, lambda p: f"{1 - p['band']['compression']:.2f} H")
+
+
+def fig4(save, directory):
+    """L = 20, 40 and 60 d at 10 % compression."""
+    draw("fig4", save, directory, lambda p: f"L = {float(p['settings']['pgran_width']):g} d")
+
+
+def fig5(save, directory):
+    """I0 = 0.001, 0.007 and 0.03 at 10 % compression, I over I0."""
+    draw("fig5", save, directory,
+         lambda p: f"$I^0$ = {float(p['settings']['pgran_inertial_number']):g}", relative=True)
+
+
+def fig6(save, directory):
+    """NGF at element sizes 2 d to d/4, 10 % compression, and how they converge."""
+    mesh_figure("fig6", save, directory)
+
+
+def fig7(save, directory):
+    """LI at element sizes 2 d to d/4, 1 % compression, and how they do not converge."""
+    mesh_figure("fig7", save, directory)
+
+
+def mesh_figure(name, save, directory):
+    """Draw a figure over meshes, with the differences between successive ones."""
+    def with_differences(figure, data, table):
+        shown, _ = panels(name, directory)
+        rows = measure.mesh_differences([(p["x"], p["I"]) for p in shown])
+        for coarse, fine, row in zip(shown, shown[1:], rows):
+            text = (f"{coarse['run'].rsplit('_', 1)[1]} to {fine['run'].rsplit('_', 1)[1]}: "
+                    "difference of I over ")
+            table += [(text + "its L2 norm", "-", row["l2"]),
+                      (text + "its maximum", "-", row["maximum"])]
+            if row["order"] is not None:
+                table.append(("observed order in L2", "-", row["order"]))
+        save(figure, data, table)
+
+    draw(name, with_differences, directory,
+         lambda p: f"{float(p['settings']['pgran_element_size']):g} d")
+
+
+FIGURES = {"fig3": fig3, "fig4": fig4, "fig5": fig5, "fig6": fig6, "fig7": fig7}
