@@ -108,6 +108,38 @@ def steady_start(form):
     return State(float(attributes["time"]), fields["coordinates"], local, stress)
 
 
+def velocity(form, local, x):
+    """Return the velocity (2, n_nodes) of material at nodes ``x``, base flow included, d gdot0."""
+    return form.grid.split(local)[0] + form.case.base_gradient @ x
+
+
+def setting(form, state, dt, frozen=False):
+    """Return the `Step` of size ``dt`` from a state, and the angle (9, n) by which it turns stress.
+
+    The mesh is predicted to second order; with a ``frozen`` mesh, or for ``dt`` = 0, which gives
+    the rigid-viscous equations as they stand, nothing moves or turns.
+    """
+    x, stress, end, factor, angle = state.x, state.stress, state.time, 1.0, 0.0
+    if dt > 0.0 and not frozen:
+        middle = velocity(form, state.local + 0.5 * dt * state.rate, state.x)
+        x = state.x + dt * middle
+        angle = dt * form.spin(middle, 0.5 * (state.x + x))
+        factor, stress = state.past(dt, angle)
+        end = state.time + dt
+    values = form.prescribed(end)
+    rates = np.zeros_like(values)
+    if end > state.time:
+        rates = (values - form.prescribed(state.time)) / dt
+    theta = factor * form.material.elastic_compliance(dt)
+    return Step(form, x, stress, theta, values, rates), angle
+
+
+def moved(form, state, step, local, dt):
+    """Return the mesh (2, n_nodes) at the end of a step, by the trapezoidal rule."""
+    mean = 0.5 * (velocity(form, state.local, state.x) + velocity(form, local, step.x))
+    return state.x + dt * mean
+
+
 class Evolution:
     """Steps a case through time with TS. Making, solving and asking for results are collective.
 
@@ -168,10 +200,6 @@ class Evolution:
 
     # What a step is solved with
 
-    def velocity(self, local, x):
-        """Return the velocity (2, n_nodes) of material at the nodes with the base flow, d gdot0."""
-        return self.grid.split(local)[0] + self.case.base_gradient @ x
-
     def step(self, dt):
         """Return the `Step` of size ``dt``; 0 gives the rigid-viscous equations as they stand.
 
@@ -179,25 +207,12 @@ class Evolution:
         """
         if self._dt is not None and abs(dt - self._dt) <= 1e-9 * dt:  # equal but for rounding
             return self._step
-        state = self.state
-        x, stress, end, factor, angle = state.x, state.stress, state.time, 1.0, 0.0
         if 0.0 < dt < self.settings.step_min:
             raise StepError(f"no step down to -pgran_step_min {self.settings.step_min:g} "
-                            f"converges at time {state.time:.6g}")
-        if dt > 0.0 and not self.frozen:
-            middle = self.velocity(state.local + 0.5 * dt * state.rate, state.x)
-            x = state.x + dt * middle
-            angle = dt * self.form.spin(middle, 0.5 * (state.x + x))
-            factor, stress = state.past(dt, angle)
-            end = state.time + dt
-        values = self.form.prescribed(end)
-        rates = np.zeros_like(values)
-        if end > state.time:
-            rates = (values - self.form.prescribed(state.time)) / dt
-        theta = factor * self.form.material.elastic_compliance(dt)
+                            f"converges at time {self.state.time:.6g}")
         self._attempts += 1
-        self._dt, self._step = dt, Step(self.form, x, stress, theta, values, rates)
-        self._angle = angle
+        self._dt = dt
+        self._step, self._angle = setting(self.form, self.state, dt, self.frozen)
         return self._step
 
     def _current_step(self, ts, time):
@@ -292,8 +307,7 @@ class Evolution:
         state, (local, rate, step) = self.state, self._committed
         if self.frozen:
             return State(state.time, state.x, local, stress)
-        mean = 0.5 * (self.velocity(state.local, state.x) + self.velocity(local, step.x))
-        return State(state.time + dt, state.x + dt * mean, local, stress, dt,
+        return State(state.time + dt, moved(self.form, state, step, local, dt), local, stress, dt,
                      rheology.rotated(state.stress, self._angle), rate)
 
     def _departure(self, local, stress, dt):
@@ -306,7 +320,7 @@ class Evolution:
         state, owned, settings = self.state, self.grid.nodes.owned, self.settings
         expected, expected_stress = state.extrapolated(dt)
         x = self._step.x[:, owned]
-        now, then = (self.velocity(unknowns, self._step.x)[:, owned]
+        now, then = (velocity(self.form, unknowns, self._step.x)[:, owned]
                      for unknowns in (local, expected))
         off, size, apart, stress_off = (
             self.comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX) for part in
@@ -364,7 +378,7 @@ class Evolution:
         Complete at owned nodes.
         """
         local, _, step = self._committed
-        return {"coordinates": self.state.x, "velocity": self.velocity(local, self.state.x),
+        return {"coordinates": self.state.x, "velocity": velocity(self.form, local, self.state.x),
                 **self.form.nodal_fields(local, step),
                 "deviator": np.array([self.form.at_nodes(part) for part in self.state.stress])}
 

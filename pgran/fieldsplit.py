@@ -49,8 +49,9 @@ def node_level(form, names):
               for part in grid.nodes.dm.getOwnershipRanges()]
     level = NodeLevel(grid.comm, grid.shape, grid.periodic, starts, len(held), held.T.ravel())
     side = np.diff(form.case.coordinates(np.array([0, 2]), np.array([0, 2]))).max()
-    level.depth = max(0, min(level.coarsenings,
+    level.depth = max(1, min(level.coarsenings,
                              int(np.log2(COARSEST * form.material.A / side))))
+    level.alone = level.coarsenings == 0
     return level
 
 
@@ -78,10 +79,10 @@ class NodeLevel:
     index of each part of the ranks and the end, in x1 and x2; ``dof`` unknowns of a
     node; ``held`` (n_owned,), node by node, which of them are prescribed. A rank owns
     the coarse nodes that coincide with its fine ones. ``depth``: how many coarser levels
-    are worth having.
+    are worth having; ``alone``: an odd grid, whose one coarser level is the grid itself.
     """
 
-    depth = 0
+    depth, alone, ratio = 0, False, 1
 
     def __init__(self, comm, shape, periodic, starts, dof, held):
         self.comm, self.shape, self.periodic, self.starts = comm, shape, periodic, starts
@@ -101,14 +102,19 @@ class NodeLevel:
 
         Collective.
         """
+        if self.alone:
+            return NodeLevel(self.comm, self.shape, self.periodic, self.starts, self.dof,
+                             self.held)
         if not self.coarsenings:
             raise OptionError("-pc_mg_levels: too many, as {} x {} elements cannot be "
                               "halved".format(*self.shape))
         even = np.ix_(*(np.arange(*span) % 2 == 0 for span in reversed(self.range)))
         held = self.held.reshape([np.diff(span)[0] for span in reversed(self.range)] + [self.dof])
-        return NodeLevel(self.comm, tuple(n // 2 for n in self.shape), self.periodic,
-                         [(start + 1) // 2 for start in self.starts], self.dof,
-                         held[even].ravel())
+        coarse = NodeLevel(self.comm, tuple(n // 2 for n in self.shape), self.periodic,
+                           [(start + 1) // 2 for start in self.starts], self.dof,
+                           held[even].ravel())
+        coarse.ratio = 2
+        return coarse
 
     def number(self, i, j):
         """Return the place of nodes among those of all ranks; ``i``, ``j`` global indices."""
@@ -125,13 +131,13 @@ class NodeLevel:
         Q2 interpolation between free unknowns, the identity between prescribed ones.
         """
         (i, across), (j, up) = (self._along(axis, fine.range[axis]) for axis in range(2))
-        weight = (up[:, None, :, None] * across[None, :, None, :]).reshape(-1, 9)
-        node = self.number(i[None, :, None, :], j[:, None, :, None]).reshape(-1, 9)
-        dof = self.dof
-        used = np.repeat(weight[:, None] != 0.0, dof, axis=1)       # (fine nodes, dof, 9)
+        dof, n = self.dof, fine.held.size // self.dof
+        weight = (up[:, None, :, None] * across[None, :, None, :]).reshape(n, -1)
+        node = self.number(i[None, :, None, :], j[:, None, :, None]).reshape(n, -1)
+        used = np.repeat(weight[:, None] != 0.0, dof, axis=1)  # (fine nodes, dof, coarse nodes)
         start = np.concatenate([[0], np.cumsum(used.sum(axis=2))])
         column = (node * dof)[:, None] + np.arange(dof)[:, None]
-        value = np.where(fine.held.reshape(-1, dof, 1), 0.0, weight[:, None])
+        value = np.where(fine.held.reshape(n, dof, 1), 0.0, weight[:, None])
         matrix = PETSc.Mat().createAIJ(
             ((fine.held.size, None), (self.held.size, None)), comm=self.comm,
             csr=(start.astype(PETSc.IntType), column[used].astype(PETSc.IntType), value[used]))
@@ -139,15 +145,17 @@ class NodeLevel:
         (i0, i1), (j0, j1) = self.range
         j, i = (index.ravel() for index in np.mgrid[j0:j1, i0:i1])
         rows, columns = ((level.number(k * i, k * j)[:, None] * dof + np.arange(dof)).ravel()[
-            self.held].astype(PETSc.IntType) for level, k in ((fine, 2), (self, 1)))
+            self.held].astype(PETSc.IntType) for level, k in ((fine, self.ratio), (self, 1)))
         matrix.setValuesIJV(np.arange(rows.size + 1, dtype=PETSc.IntType), columns,
                             np.ones(rows.size), rowmap=rows)
         matrix.assemble()
         return matrix
 
     def _along(self, axis, span):
-        """Nodes of this level (n, 3) and their weights (n, 3) at fine nodes in one direction."""
+        """Nodes of this level (n, m) and their weights (n, m) at fine nodes in one direction."""
         fine = np.arange(*span)
+        if self.ratio == 1:
+            return fine[:, None], np.ones((fine.size, 1))
         element = np.minimum(fine // 4, self.shape[axis] - 1)
         node = 2 * element[:, None] + np.arange(3)
         if self.periodic[axis]:

@@ -1,0 +1,173 @@
+"""Why a specimen localises: growth rates of the linearised time step on the moving mesh.
+
+    python -m pgran.growth -options_file options/growth.opts [-dt 1e-3,5e-4] [-without faces] [-json]
+
+A step takes the mesh, the stress and the unknowns of one time to those of the next.
+About homogeneous flow its linearisation has multipliers m, and log(m)/dt are growth
+rates, which must not depend on the step: unlike the spectra of `pgran.eigen` they
+contain the motion of the mesh and the elastic memory. SLEPc finds the largest
+multipliers matrix-free, each product one solution with the Jacobian of the step.
+``-without`` leaves parts of the coupling out: ``faces`` (the lateral stress does not
+follow the disturbed faces), ``geometry`` (elements keep their undisturbed shape) or
+``spin`` (the stress does not turn with the disturbance), or several, with commas.
+
+A good run prints growth rates that agree between the steps. Units of gdot0.
+"""
+
+import json
+import sys
+
+import numpy as np
+
+from .options import OptionError, Settings
+
+OWN = ("dt", "without", "json")
+PARTS = "faces", "geometry", "spin"
+#: Size of the disturbances that are differenced, in d, |sigma_1| and gdot0.
+SIZE = 1e-5
+
+
+class LinearisedStep:
+    """The derivative of one step (backward Euler, trapezoidal mesh) about homogeneous flow.
+
+    Parameters: ``form``, the step ``dt`` (1/gdot0), ``without`` parts of the coupling. A
+    disturbance is one array: mesh (2 n_nodes), unknowns (n_local), stress (27 n_elements) of
+    this rank, ghosts included. Collective.
+    """
+
+    def __init__(self, form, dt, without=()):
+        from petsc4py import PETSc
+
+        from . import evolve
+
+        self.form, self.dt, self.without, self.evolve = form, dt, without, evolve
+        grid = form.grid
+        self.state = evolve.homogeneous(form)
+        self.base, self.angle = evolve.setting(form, self.state, dt)
+        self.lengths = np.cumsum([2 * grid.nodes.size, grid.n_local])
+        self.size = int(self.lengths[-1]) + 27 * grid.n_elements
+        self.matrix, self.right = form.create_matrix(), grid.create_vector()
+        self.update = self.right.duplicate()
+        self.ksp = PETSc.KSP().create(comm=grid.comm)
+        self.ksp.setOptionsPrefix("step_")
+        self.ksp.setOperators(self.matrix)
+        self.ksp.setType("preonly")
+        self.ksp.getPC().setType("lu")
+        self.ksp.getPC().setFactorSolverType("mumps")
+        self.ksp.setFromOptions()
+        _, fluidity, pressure = grid.split(self.state.local)
+        flow = form.case.start(self.base.x)
+        self.end = grid.join(flow, fluidity, pressure)
+        for _ in range(10):
+            form.jacobian(self.end, 1.0 / dt, self.base, self.matrix)
+            self.ksp.setOperators(self.matrix)
+            change = self._newton(self.end, self.state, self.base)
+            self.end = self.end + change
+            if np.abs(change).max(initial=0.0) < 1e-12 * np.abs(self.end).max():
+                break
+
+    def _newton(self, local, state, step):
+        rows = self.form.residual(local, (local - state.local) / self.dt, step)
+        self.right.setArray(-rows)
+        self.ksp.solve(self.right, self.update)
+        return self.form.grid.to_local(self.update)
+
+    def _advanced(self, disturbance):
+        """Mesh, unknowns and stress at the end, to first order in the disturbance, as one array."""
+        state, form = self.state, self.form
+        x, local, stress = np.split(disturbance, self.lengths)
+        start = self.evolve.State(state.time, state.x + x.reshape(2, -1), state.local + local,
+                                  state.stress + stress.reshape(state.stress.shape))
+        step, _ = self.evolve.setting(form, start, self.dt)
+        if "spin" in self.without:
+            step.stress = start.past(self.dt, self.angle)[1]
+        if "faces" in self.without:
+            step.load = self.base.load
+        if "geometry" in self.without:
+            step.geometry = self.base.geometry
+        end = self.end + self._newton(self.end, start, step)
+        return np.concatenate([self.evolve.moved(form, start, step, end, self.dt).ravel(), end,
+                               form.stress(end, step).ravel()])
+
+    def apply(self, direction):
+        """Return the derivative in a direction (size,), by central differences. Collective."""
+        from mpi4py import MPI
+
+        largest = self.form.grid.comm.tompi4py().allreduce(
+            np.abs(direction).max(initial=0.0), MPI.MAX)
+        scale = SIZE / (largest or 1.0)
+        ahead, behind = (self._advanced(sign * scale * direction) for sign in (1.0, -1.0))
+        return (ahead - behind) / (2.0 * scale)
+
+    def mult(self, matrix, x, y):
+        """Multiply, as PETSc's matrices of type Python do."""
+        y.setArray(self.apply(x.array_r))
+
+
+def growth_rates(form, dt, without=(), count=4):
+    """Return the fastest growth rates (complex, gdot0) of a form's step, fastest first. Collective.
+
+    Solver options have the prefixes ``-eps_`` and ``-step_``.
+    """
+    from petsc4py import PETSc
+    from slepc4py import SLEPc
+
+    step, comm = LinearisedStep(form, dt, without), form.grid.comm
+    shell = PETSc.Mat().createPython(((step.size, None), (step.size, None)), step, comm=comm)
+    shell.setUp()
+    eps = SLEPc.EPS().create(comm=comm)
+    eps.setOperators(shell)
+    eps.setProblemType(SLEPc.EPS.ProblemType.NHEP)
+    eps.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_MAGNITUDE)
+    eps.setDimensions(count, max(40, 4 * count))
+    eps.setTolerances(1e-6, 100)
+    eps.setFromOptions()
+    eps.solve()
+    found = [eps.getEigenvalue(k) for k in range(eps.getConverged())]
+    return sorted((complex(np.log(complex(m)) / dt) for m in found), key=lambda r: -r.real)
+
+
+def main(arguments):
+    """Run with the command line ``arguments``; return the exit code. Collective."""
+    from .__main__ import HELP, start
+    from .options import help_text
+
+    if any(argument in HELP for argument in arguments):
+        text = f"{__doc__}\nOptions:\n{help_text()}"
+        return start(arguments, lambda settings, comm: comm.rank or print(text), slepc=True)
+    return start(arguments, run, slepc=True)
+
+
+def run(settings, comm):
+    """Answer the command line; raises `OptionError`. Collective."""
+    from petsc4py import PETSc
+
+    from .weakform import discretise
+
+    database = PETSc.Options()
+    own = {name: database.getString(name, "") for name in OWN if database.hasName(name)}
+    without = tuple(own.get("without", "").split(",")) if own.get("without") else ()
+    if set(without) - set(PARTS):
+        raise OptionError(f"-without {own['without']}: allowed is {' | '.join(PARTS)}")
+    try:
+        steps = [float(part) for part in own.get("dt", "1e-3").split(",")]
+    except ValueError:
+        steps = [0.0]
+    if min(steps) <= 0.0:
+        raise OptionError(f"-dt {own['dt']}: allowed is a list of numbers > 0")
+    form = discretise(Settings(**{**vars(settings), "imperfection": 1.0}), comm)
+    rows = [{"dt": dt, "growth_rates": [[rate.real, rate.imag] for rate in
+                                        growth_rates(form, dt, without)]} for dt in steps]
+    if comm.rank:
+        return
+    if "json" in own:
+        print(json.dumps(rows))
+        return
+    for row in rows:
+        shown = "  ".join(f"{real:.4g}{imaginary:+.3g}i" if imaginary else f"{real:.4g}"
+                          for real, imaginary in row["growth_rates"])
+        print(f"  dt {row['dt']:.3g}: {shown or 'no multiplier converged'}")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))
