@@ -8,16 +8,16 @@ the inertial number while that is small, beside the eigenvalue, and draws the ra
 saturates: growth.png, and the numbers in growth.csv. About five minutes on two cores.
 """
 
-import subprocess
 import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
+from launch import python
 
 ELEMENTS, STEP, SEED, ELASTIC = 16, 2e-5, 1e-3, 1e8
 #: Half the range of I over I0 between which growth is fitted.
-LINEAR = 0.003, 0.03
+LINEAR = 3e-4, 3e-3
 
 
 def eigenmode(path, elements, ranks=2):
@@ -51,12 +51,6 @@ def fitted(time, span):
     part = (span > LINEAR[0]) & (span < LINEAR[1])
     part[np.argmax(span > LINEAR[1]):] = False
     return np.polyfit(time[part], np.log(span[part]), 1)[0]
-
-
-def python(ranks, *arguments):
-    """Run Python on ranks."""
-    command = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
-    subprocess.run([*command, sys.executable, *map(str, arguments)], check=True)
 
 
 def main(directory="results/growth"):

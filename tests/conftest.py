@@ -1,6 +1,5 @@
 """What the tests share: settings, discretisations, and runs under mpiexec with a time limit."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,21 +9,15 @@ import petsc4py
 
 petsc4py.init(["pgran-tests"])
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "jobs"))
+import launch  # noqa: E402
 LIMIT = 240.0
 
 
 def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
     """Run ``python arguments`` on ranks, at most ``limit`` seconds; return the finished process."""
-    command = [sys.executable, *map(str, arguments)]
-    if ranks:
-        command = ["mpiexec", "-n", str(ranks), *command]
-    environment = {key: value for key, value in os.environ.items()
-                   if not key.startswith(("OMPI_", "PMIX_", "PRTE_"))}
-    environment.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
-                       OMPI_MCA_rmaps_base_oversubscribe="1", OMP_NUM_THREADS="1",
-                       PYTHONPATH=str(ROOT))
-    done = subprocess.run(command, cwd=ROOT, env=environment, timeout=limit,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    done = launch.python(ranks, *arguments, timeout=limit, check=False, text=True,
+                         stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     if check and done.returncode:
         raise AssertionError(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
     return done

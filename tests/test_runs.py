@@ -1,11 +1,11 @@
 """Whole runs: the band, the same answer on any ranks and solver, and what a run promises."""
 
-import runpy
-
 import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, pgran, run_ranks
+
+import growth
 
 from pgran import measure
 from pgran.options import read
@@ -311,24 +311,19 @@ def test_mirrored_imperfection_gives_the_mirrored_band(tmp_path):
     for path, mirrored in zip(paths, ("false", "true")):
         pgran(2, "biaxial.opts", path, *SMALL, "-pgran_imperfection_mirrored", mirrored,
               "-pgran_imperfection_size", 8, "-pgran_compression", 0.02)
-    plain, mirrored = (measure.measure(path)[-1] for path in paths)
-    assert plain["inertial_number_max"] > 1.5e-3
-    assert plain["inertial_number_max"] == pytest.approx(mirrored["inertial_number_max"], rel=0.01)
-    assert plain["angle"] == pytest.approx(-mirrored["angle"], abs=0.5)
     a, b = (snapshot(path)[1]["inertial_number"] for path in paths)
-    assert np.abs(a - b[:, ::-1]).max() < 0.02 * a.max()
+    assert a.max() > 1.5e-3
+    assert np.abs(a - b[:, ::-1]).max() < 0.02 * a.max() < 0.1 * np.abs(a - b).max()
 
 
 def test_an_eigenvector_grows_at_its_eigenvalue(tmp_path):
-    growth = runpy.run_path(ROOT / "jobs" / "growth.py")
-    rate, settings = growth["eigenmode"](tmp_path / "mode.h5", 8)
-    time, span = growth["grow"](tmp_path / "mode.h5", settings, tmp_path / "growth.h5", 0.008)
-    assert growth["fitted"](time, span) == pytest.approx(rate, rel=0.02)
+    rate, settings = growth.eigenmode(tmp_path / "mode.h5", 8)
+    time, span = growth.grow(tmp_path / "mode.h5", settings, tmp_path / "growth.h5", 0.008)
+    assert growth.fitted(time, span) == pytest.approx(rate, rel=0.02)
 
 
 def test_a_seed_of_another_cell_is_refused(tmp_path):
-    growth = runpy.run_path(ROOT / "jobs" / "growth.py")
-    growth["eigenmode"](tmp_path / "mode.h5", 4)
+    growth.eigenmode(tmp_path / "mode.h5", 4)
     done = pgran(2, "direct.opts", tmp_path / "x.h5", "-pgran_case", "periodic", "-pgran_seed",
                  tmp_path / "mode.h5", "-pgran_cell_elements", 4, check=False)
     assert done.returncode == 1 and "-pgran_width 40.0:" in done.stderr
