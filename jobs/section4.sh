@@ -1,6 +1,6 @@
 # The runs of section 4, which several figures share; sourced by their scripts.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-bash jobs/local.sh setup
+set_up
 results=${PGRAN_RESULTS:-results/section4}
 
 ngf() {  # ngf WIDTH I0 ELEMENT_SIZE: the run to 10 %, that of figure 3 to 14 %

@@ -72,7 +72,8 @@ def main(directory="results/specimen"):
     for step in ("2e-3", "1e-3", "5e-4", "2.5e-4", "1.25e-4"):
         print(f"| {step} | {show(predicted(*base, steps=step)[0])} |")
     print("\n| left out of the coupling | fastest growth rate |\n|---|---|")
-    for without in ("", "spin", "faces", "geometry", "faces,geometry"):
+    for without in ("", "spin", "memory", "spin,memory", "interior", "faces", "geometry",
+                    "faces,geometry"):
         more = ("-without", without) if without else ()
         print(f"| {without or 'nothing'} | {show(predicted(*base, *more)[1])} |")
     print("\n| case | linearised step | nonlinear run |\n|---|---|---|")

@@ -5,7 +5,7 @@
 # Tables go to results/spectra_*.csv and results/spectra.txt.
 # Usage: bash jobs/spectra.sh
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-bash jobs/local.sh setup
+set_up
 mkdir -p results
 exec > >(tee results/spectra.txt)
 

@@ -3,7 +3,7 @@
 # half the element size, half the step limits, a larger inertial number. About 15 minutes on two
 # cores; runs that are done are not repeated. Usage: bash jobs/verify.sh [directory]
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-bash jobs/local.sh setup
+set_up
 results=${1:-results/verify}
 
 job() {

@@ -7,9 +7,11 @@ About homogeneous flow its linearisation has multipliers m, and log(m)/dt are gr
 rates, which must not depend on the step: unlike the spectra of `pgran.eigen` they
 contain the motion of the mesh and the elastic memory. SLEPc finds the largest
 multipliers matrix-free, each product one solution with the Jacobian of the step.
-``-without`` leaves parts of the coupling out: ``faces`` (the lateral stress does not
-follow the disturbed faces), ``geometry`` (elements keep their undisturbed shape) or
-``spin`` (the stress does not turn with the disturbance), or several, with commas.
+``-without`` leaves parts of the coupling out, one or several with commas: ``faces`` (the
+lateral stress does not follow the disturbed faces), ``geometry`` (elements keep their
+undisturbed shape), ``interior`` (only nodes of the lateral faces are where the disturbance
+takes them), ``spin`` (the stress does not turn with the disturbance), ``memory`` (the
+stress of the step before is undisturbed).
 
 A good run prints growth rates that agree between the steps. Units of gdot0.
 """
@@ -22,7 +24,7 @@ import numpy as np
 from .options import OptionError, Settings
 
 OWN = ("dt", "without", "json")
-PARTS = "faces", "geometry", "spin"
+PARTS = "faces", "geometry", "interior", "spin", "memory"
 #: Size of the disturbances that are differenced, in d, |sigma_1| and gdot0.
 SIZE = 1e-5
 
@@ -44,6 +46,9 @@ class LinearisedStep:
         grid = form.grid
         self.state = evolve.homogeneous(form)
         self.base, self.angle = evolve.setting(form, self.state, dt)
+        self.inside = np.ones(grid.nodes.size, dtype=bool)
+        for side in form.case.side_stresses:
+            self.inside[grid.side_nodes(side)] = False
         self.lengths = np.cumsum([2 * grid.nodes.size, grid.n_local])
         self.size = int(self.lengths[-1]) + 27 * grid.n_elements
         self.matrix, self.right = form.create_matrix(), grid.create_vector()
@@ -74,6 +79,8 @@ class LinearisedStep:
 
     def _advanced(self, disturbance):
         """Mesh, unknowns and stress at the end, to first order in the disturbance, as one array."""
+        from .weakform import Step
+
         state, form = self.state, self.form
         x, local, stress = np.split(disturbance, self.lengths)
         start = self.evolve.State(state.time, state.x + x.reshape(2, -1), state.local + local,
@@ -81,6 +88,11 @@ class LinearisedStep:
         step, _ = self.evolve.setting(form, start, self.dt)
         if "spin" in self.without:
             step.stress = start.past(self.dt, self.angle)[1]
+        if "memory" in self.without:
+            step.stress = self.base.stress
+        if "interior" in self.without:
+            x = np.where(self.inside, self.base.x, step.x)
+            step = Step(form, x, step.stress, step.theta, step.prescribed, step.prescribed_rate)
         if "faces" in self.without:
             step.load = self.base.load
         if "geometry" in self.without:

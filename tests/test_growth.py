@@ -42,4 +42,10 @@ def test_a_nonlinear_run_grows_as_the_linearised_step_says(tmp_path):
 def test_unknown_parts_of_the_coupling_are_refused():
     done = run_ranks(2, "-m", "pgran.growth", "-without", "mesh", check=False)
     assert done.returncode == 1
-    assert "-without mesh: allowed is faces | geometry | spin" in done.stderr
+    assert "-without mesh: allowed is faces | geometry | interior | spin | memory" in done.stderr
+
+
+def test_the_lateral_faces_alone_carry_the_instability():
+    whole, faces_alone = (rates(1, "-dt", "5e-4", *more)[5e-4][0][0] for more in (
+        (), ("-without", "interior,spin,memory")))
+    assert faces_alone == pytest.approx(whole, rel=0.05)

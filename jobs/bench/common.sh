@@ -1,7 +1,7 @@
 # What the benches share; sourced by them. Sets up, and leaves the states they start from in
 # results/bench/states.h5: 0.3 % (before localisation), 1.8 % (during), 3 %, 5 % and 10 % (after).
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
-bash jobs/local.sh setup
+set_up
 bench=results/bench
 
 answer() {  # answer RANKS NAME OPTIONS...: a whole run, once

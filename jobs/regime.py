@@ -1,0 +1,77 @@
+"""Localised or homogeneous: the state at 10 % compression over I0 and L, as a map.
+
+    python jobs/regime.py [directory: results/regime]
+
+NGF, elements of 2 d, options/biaxial.opts otherwise. Writes regime.png and regime.csv; runs that
+are done are not repeated. About half an hour on two cores.
+"""
+
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+from launch import python
+
+from pgran import measure, rheology, stability
+from pgran.options import read
+
+NUMBERS = 1e-4, 3e-4, 1e-3, 3e-3, 5e-3, 7e-3, 1e-2, 3e-2, 1e-1
+WIDTHS = 20, 40, 60, 80
+
+
+def finished(path):
+    """Whether a run came to its end."""
+    if not path.exists():
+        return False
+    with h5py.File(path) as file:
+        return bool(file.attrs.get("complete", False))
+
+
+def main(directory="results/regime"):
+    import matplotlib
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    directory = Path(directory)
+    rows = []
+    for width in WIDTHS:
+        for number in NUMBERS:
+            path = directory / f"L{width}_I{number:g}.h5"
+            if not finished(path):
+                done = python(2, "-m", "pgran", "-options_file", "options/biaxial.opts",
+                              "-pgran_width", width, "-pgran_inertial_number", number,
+                              "-pgran_output", path, "-pgran_progress", "quiet", check=False)
+                if done.returncode:
+                    print(f"{path}: did not come to its end", flush=True)
+                    continue
+            row = measure.measure(path)[-1]
+            rows.append((width, number, row["inertial_number_min"] / number,
+                         row["inertial_number_max"] / number, row["localised"],
+                         row["angle"] or np.nan, row["width"] or np.nan))
+            print("L {} d, I0 {:g}: I/I0 {:.3f} to {:.3f}, localised {}, angle {:.1f}, "
+                  "width {:.1f} d".format(*rows[-1]), flush=True)
+    table = np.array(rows, dtype=float)
+    np.savetxt(directory / "regime.csv", table, delimiter=",", comments="",
+               header="width,I0,I_min_over_I0,I_max_over_I0,localised,angle,band_width")
+    figure, axes = plt.subplots(figsize=(6.0, 4.0), constrained_layout=True)
+    for localised, marker, label in ((1, "s", "localised"), (0, "o", "not localised")):
+        part = table[table[:, 4] == localised]
+        image = axes.scatter(part[:, 1], part[:, 0], c=part[:, 3] - part[:, 2], s=90,
+                             marker=marker, cmap="viridis", norm=matplotlib.colors.LogNorm(
+                                 1e-3, 10.0), edgecolors="black", label=label)
+    settings = read({})
+    I0 = np.geomspace(1e-4, 0.0167, 400)
+    k_cut = stability.cutoff(stability.Coefficients.of(rheology.law_of(settings), "ngf", I0))
+    wavelength = np.full_like(I0, np.nan)
+    np.divide(2.0 * np.pi * settings.A, k_cut, out=wavelength, where=k_cut > 0.0)
+    axes.plot(I0, wavelength, "k--", linewidth=1.0, label=r"$2\pi/k_{cut}$")
+    axes.set(xscale="log", xlabel="$I^0$", ylabel="$L/d$", ylim=(10, 90))
+    axes.legend(fontsize=8, loc="lower right")
+    figure.colorbar(image, label="$(I_{max} - I_{min})/I^0$")
+    figure.savefig(directory / "regime.png", dpi=150)
+    print(directory / "regime.png")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
