@@ -161,6 +161,7 @@ class Evolution:
         self._dt = self._step = self._committed = self._free_step = None
         self._attempts, self._starting = 0, False
         self._time = 0.0 if self.frozen else state.time
+        self._resolved = 0.1 * form.material.loading_time  # yielding as a whole is not
         self.ts = self._create_ts()
 
     def _create_ts(self):
@@ -195,8 +196,7 @@ class Evolution:
 
     def first_step(self):
         """Return the first time step, 1/gdot0."""
-        material, settings = self.form.material, self.settings
-        return settings.step_first or min(settings.step_max, 0.1 * material.loading_time)
+        return self.settings.step_first or min(self.settings.step_max, self._resolved)
 
     # What a step is solved with
 
@@ -280,7 +280,7 @@ class Evolution:
         stress = self.form.stress(local, step)
         if not self.frozen:
             departure = self._departure(local, stress, dt)
-            if departure > 2.0 * settings.step_error and dt > 2.0 * self.first_step():
+            if departure > 2.0 * settings.step_error and dt > 2.0 * self._resolved:
                 self.rejected += 1
                 ts.rollBack()
                 ts.setTimeStep(max(0.3, np.sqrt(settings.step_error / departure)) * dt)
@@ -319,12 +319,12 @@ class Evolution:
         """
         state, owned, settings = self.state, self.grid.nodes.owned, self.settings
         expected, expected_stress = state.extrapolated(dt)
-        x = self._step.x[:, owned]
-        now, then = (velocity(self.form, unknowns, self._step.x)[:, owned]
-                     for unknowns in (local, expected))
+        x = self._step.x
+        now, then = (velocity(self.form, unknowns, x)[:, owned] for unknowns in (local, expected))
+        homogeneous = (self.case.start(x) + self.case.base_gradient @ x)[:, owned]
         off, size, apart, stress_off = (
             self.comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX) for part in
-            (now - then, now, now - self.case.start(x), stress - expected_stress))
+            (now - then, now, now - homogeneous, stress - expected_stress))
         scale = max(apart, settings.step_perturbation * size)
         return max(off / scale, stress_off / self.form.material.yield_stress)
 
@@ -335,7 +335,7 @@ class Evolution:
             return
         wanted = dt * min(settings.step_growth,
                           0.9 * np.sqrt(settings.step_error / max(departure, 1e-300)))
-        wanted = max(wanted, min(self.first_step(), dt * settings.step_growth))
+        wanted = max(wanted, min(self._resolved, dt * settings.step_growth))
         if self._free_step is not None:  # the last step was cut to land on a target
             wanted = max(wanted, self._free_step)
         self._aim(min(wanted, settings.step_max))

@@ -66,9 +66,8 @@ class ElementMatrix:
                           | held_at(column, column_field, columns)] = sum(lengths)
                     places.append(place.ravel())
                 places = np.concatenate(places)
-                near, far = places, np.flatnonzero(
-                    (places >= lengths[0]) & (places < sum(lengths)))
-                sums.append((0, BatchSum(slice(first, first + places.size), near, lengths[0])))
+                sums.append((0, BatchSum(slice(first, first + places.size), places, lengths[0])))
+                far = np.flatnonzero((places >= lengths[0]) & (places < sum(lengths)))
                 if far.size:
                     sums.append((1, BatchSum(first + far, places[far] - lengths[0], lengths[1])))
                 first += places.size

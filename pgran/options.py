@@ -151,11 +151,12 @@ TABLE = (
            "homogeneous flow to start from"),
     _positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode"),
     _positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "
-              "last two states, of the velocity over its largest value and of the stress deviator "
-              "over mu_s P0; a step that exceeds it twice is repeated smaller",
-              "max|v - v*|/max|v|, max|sigma' - sigma'*|/(mu_s P0)"),
-    _positive("step_perturbation", 1e-3, "", "departure from homogeneous flow over the largest "
-              "velocity from which on `step_error` counts relative to that departure"),
+              "last two states, of the velocity over its departure from homogeneous flow and of the "
+              "stress deviator over mu_s P0; a step that exceeds it twice is repeated smaller, but "
+              "not below a tenth of the time of elastic loading",
+              "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0)"),
+    _positive("step_perturbation", 1e-3, "", "smallest departure from homogeneous flow that "
+              "step_error resolves, over the largest velocity"),
     _positive("step_first", None, "1/gdot0", "first time step; a tenth of the time of elastic "
               "loading unless given", "mu_s P0/(10 G)"),
     _positive("step_max", 0.01, "1/gdot0", "largest time step"),
