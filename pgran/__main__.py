@@ -20,13 +20,21 @@ HELP = ("-help", "--help", "-h")
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
+    return command(arguments, run, __doc__)
+
+
+def command(arguments, action, description, slepc=False):
+    """Do ``action(settings, comm)``, or print the ``description`` and all options for -help.
+
+    Returns the exit code, as `start` does. Collective.
+    """
     if any(argument in HELP for argument in arguments):
         from . import options
 
-        text = (f"{__doc__}\nOptions, as <default> [unit]; PETSc's own (-ts_, -snes_, -ksp_, -pc_, "
-                f"-log_view, ...) hold too:\n\n{options.help_text()}")
-        return start(arguments, lambda settings, comm: comm.rank or print(text, flush=True))
-    return start(arguments, run)
+        text = (f"{description}\nOptions, as <default> [unit]; PETSc's own (-ts_, -snes_, -ksp_, "
+                f"-pc_, -log_view, ...) hold too:\n\n{options.help_text()}")
+        return start(arguments, lambda settings, comm: comm.rank or print(text, flush=True), slepc)
+    return start(arguments, action, slepc)
 
 
 def start(arguments, action, slepc=False):

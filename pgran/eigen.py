@@ -34,13 +34,9 @@ HARMONICS = 6
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
-    from .__main__ import HELP, start
-    from .options import help_text
+    from .__main__ import command
 
-    if any(argument in HELP for argument in arguments):
-        text = f"{__doc__}\nOptions:\n{help_text()}"
-        return start(arguments, lambda settings, comm: comm.rank or print(text), slepc=True)
-    return start(arguments, run, slepc=True)
+    return command(arguments, run, __doc__, slepc=True)
 
 
 def run(settings, comm):

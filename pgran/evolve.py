@@ -70,7 +70,7 @@ def rest(form):
 
 
 def homogeneous(form):
-    """Return the `State` of homogeneous rigid-viscous flow, with the mode of ``-pgran_seed`` if any.
+    """Return the `State` of homogeneous rigid-viscous flow, with the mode of ``-pgran_seed``.
 
     Raises `OptionError` where the mode does not fit. Collective with a mode.
     """

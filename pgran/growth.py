@@ -1,6 +1,6 @@
 """Why a specimen localises: growth rates of the linearised time step on the moving mesh.
 
-    python -m pgran.growth -options_file options/growth.opts [-dt 1e-3,5e-4] [-without faces] [-json]
+    python -m pgran.growth -options_file options/growth.opts [-dt 1e-3,5e-4] [-without faces]
 
 A step takes the mesh, the stress and the unknowns of one time to those of the next.
 About homogeneous flow its linearisation has multipliers m, and log(m)/dt are growth
@@ -13,7 +13,8 @@ undisturbed shape), ``interior`` (only nodes of the lateral faces are where the 
 takes them), ``spin`` (the stress does not turn with the disturbance), ``memory`` (the
 stress of the step before is undisturbed).
 
-A good run prints growth rates that agree between the steps. Units of gdot0.
+``-json`` prints a list of the step and its rates as [real, imaginary]. A good run
+prints growth rates that agree between the steps. Units of gdot0.
 """
 
 import json
@@ -141,13 +142,9 @@ def growth_rates(form, dt, without=(), count=4):
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
-    from .__main__ import HELP, start
-    from .options import help_text
+    from .__main__ import command
 
-    if any(argument in HELP for argument in arguments):
-        text = f"{__doc__}\nOptions:\n{help_text()}"
-        return start(arguments, lambda settings, comm: comm.rank or print(text), slepc=True)
-    return start(arguments, run, slepc=True)
+    return command(arguments, run, __doc__, slepc=True)
 
 
 def run(settings, comm):

@@ -139,8 +139,8 @@ TABLE = (
     Option("compression", "float", 0.10, "", "where the run ends, 1 - h/H", "h = H exp(D2 t)",
            low=0.0, high=1.0, open_low=True, open_high=True),
     Option("snapshots", "floats", None, "", "compressions at which the fields are written, each "
-           "reached exactly; those beyond the end are not, and the end is written always", low=0.0, high=1.0, open_low=True,
-           open_high=True),
+           "reached exactly; those beyond the end are not, and the end is written always", low=0.0,
+           high=1.0, open_low=True, open_high=True),
     Option("output", "str", "results/pgran.h5", "", "result file; NAME.xdmf is written beside it, "
            "an earlier file is kept under a numbered name"),
     Option("restart", "str", None, "", "result file whose snapshot gives geometry and fields "
@@ -151,8 +151,8 @@ TABLE = (
            "homogeneous flow to start from"),
     _positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode"),
     _positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "
-              "last two states, of the velocity over its departure from homogeneous flow and of the "
-              "stress deviator over mu_s P0; a step that exceeds it twice is repeated smaller, but "
+              "last two states, of the velocity over its departure from homogeneous flow and of "
+              "the stress deviator over mu_s P0; a step that exceeds it twice is repeated smaller, but "
               "not below a tenth of the time of elastic loading",
               "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0)"),
     _positive("step_perturbation", 1e-3, "", "smallest departure from homogeneous flow that "

@@ -41,7 +41,8 @@ def test_a_figure_of_section_4_is_drawn_from_what_is_there(tmp_path, capsys):
         x, y = np.meshgrid(np.linspace(0.0, 42.0, 20 * ratio + 1),
                            np.linspace(0.0, 108.0, 60 * ratio + 1))
         with h5py.File(results / f"ngf_L40_I0.001_h{size}.h5", "w") as file:
-            file.attrs["options"] = ("-pgran_element_size %g\n-pgran_inertial_number 0.001\n" % size)
+            file.attrs["options"] = (
+                f"-pgran_element_size {size:g}\n-pgran_inertial_number 0.001\n")
             group = file.create_group("snapshots/0000")
             group.attrs["compression"] = 0.10
             group["coordinates"] = np.stack([x, y], axis=-1)

@@ -149,8 +149,8 @@ def test_fieldsplit_and_direct_reach_the_same_answer(tmp_path):
     pgran(2, "biaxial.opts", shipped, *band)
     pgran(2, "biaxial.opts", solved, *band, *EXACT)
     assert max(differences(direct, solved).values()) < 1e-8
-    # As shipped, other steps fail while the specimen yields, and all later ones differ: what is left
-    # is the error of the steps, for which docs/performance.md has 1 %, whatever Newton's tolerance.
+    # As shipped, other steps fail while the specimen yields, and all later ones differ: what is
+    # left is the error of the steps, below 1 % (docs/performance.md) whatever Newton's tolerance.
     found = differences(direct, shipped)
     assert max(found[key] for key in ("velocity", "inertial_number")) < 5e-3, found
     assert snapshot(direct)[1]["inertial_number"].max() > 1.5e-3  # a band is there to agree on
