@@ -152,8 +152,8 @@ TABLE = (
     _positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode"),
     _positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "
               "last two states, of the velocity over its departure from homogeneous flow and of "
-              "the stress deviator over mu_s P0; a step that exceeds it twice is repeated smaller, but "
-              "not below a tenth of the time of elastic loading",
+              "the stress deviator over mu_s P0; a step that exceeds it twice is repeated "
+              "smaller, but not below a tenth of the time of elastic loading",
               "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0)"),
     _positive("step_perturbation", 1e-3, "", "smallest departure from homogeneous flow that "
               "step_error resolves, over the largest velocity"),
