@@ -18,7 +18,7 @@ job half_steps -pgran_step_max 0.001 -pgran_step_error 0.05
 job inertial -pgran_inertial_number 0.03
 job fine -pgran_element_size 1
 
-.venv/bin/python - "$results" <<'EOF'
+$python - "$results" <<'EOF'
 import sys
 
 import h5py
