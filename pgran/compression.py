@@ -62,16 +62,19 @@ def draw(name, save, directory, label, relative=False):
     fields = [p["I"] / float(p["settings"]["pgran_inertial_number"]) if relative else p["I"]
               for p in shown]
     largest = max(field.max() for field in fields)
-    tall = max(np.ptp(p["x"][..., 1]) / np.ptp(p["x"][..., 0]) for p in shown)
-    figure, axes = plt.subplots(1, len(shown), figsize=(2.6 * len(shown) + 1.2, 2.1 * tall + 0.8),
-                                constrained_layout=True, squeeze=False)
+    spans = [np.ptp(p["x"][..., 0]) for p in shown]
+    tallest = max(np.ptp(p["x"][..., 1]) for p in shown)
+    scale = 6.5 / tallest  # inches to the grain diameter, one for all panels
+    figure, axes = plt.subplots(1, len(shown), squeeze=False, sharey=True,
+                                figsize=(scale * sum(spans) + 0.4 * len(shown) + 1.6, 7.3),
+                                gridspec_kw={"width_ratios": spans}, constrained_layout=True)
     for ax, p, field in zip(axes[0], shown, fields):
         x, band = p["x"], p["band"]
         image = ax.pcolormesh(x[..., 0], x[..., 1], field, shading="gouraud", cmap="viridis",
                               vmin=0.0, vmax=largest)
         edge = np.concatenate([x[0], x[:, -1], x[-1, ::-1], x[::-1, 0]])
         ax.plot(*edge.T, "k", linewidth=0.6)
-        limits = ax.get_xlim(), ax.get_ylim()
+        limits = x[..., 0].min(), x[..., 0].max()
         if band["localised"] and band["angle"] is not None:
             slope = np.tan(np.radians(np.copysign(ANGLE, band["angle"])))
             centre = (x[..., 0].min() + x[..., 0].max()) / 2.0
@@ -79,7 +82,7 @@ def draw(name, save, directory, label, relative=False):
                 rise = side * SPACING / np.cos(np.radians(ANGLE))
                 ax.axline((centre, band["position"] + rise), slope=slope, color="white",
                           linestyle="dashed", linewidth=0.9)
-        ax.set(xlim=limits[0], ylim=limits[1], aspect="equal", xlabel="$x_1/d$")
+        ax.set(xlim=limits, ylim=(0.0, tallest), aspect="equal", xlabel="$x_1/d$")
         ax.set_title(f"({p['letter']}) {label(p)}", fontsize=9)
         for key in ("x", "I"):
             data[f"{p['letter']}/{key}"] = p[key]
