@@ -27,12 +27,14 @@ def predicted(*options, steps="5e-4,2.5e-4"):
     return [row["growth_rates"] for row in json.loads(done.stdout)]
 
 
-def measured(output, *options, step=2.5e-4, end=0.02, ranks=2, file="options/biaxial.opts"):
+def measured(output, *options, step=2.5e-4, end=0.02, ranks=2,
+             solver="biaxial"):
     """Return the growth rate fitted to a nonlinear run, gdot0, or None where nothing grows."""
     output = Path(output)
     if not output.exists():
-        python(ranks, "-m", "pgran", "-options_file", file, "-pgran_imperfection", 0.9999,
-               "-pgran_step_max", step, "-snes_atol", 1e-7, "-pgran_compression", end, "-pgran_snapshots", end, "-pgran_output", output,
+        python(ranks, "-m", "pgran", "-options_file", f"options/{solver}.opts",
+               "-pgran_imperfection", 0.9999, "-pgran_step_max", step, "-snes_atol", 1e-7,
+               "-pgran_compression", end, "-pgran_snapshots", end, "-pgran_output", output,
                "-pgran_progress", "quiet", *options)
     with h5py.File(output) as file:
         settings = dict(line[1:].split(" ", 1) for line in file.attrs["options"].splitlines())
@@ -83,9 +85,9 @@ def main(directory="results/specimen"):
     cases += [("with inertia", ("-pgran_inertia", "true"))]
     for name, more in cases:
         # With inertia the pressure mass matrix is no stand-in for the Schur complement.
-        file = "options/direct.opts" if "inertia" in name else "options/biaxial.opts"
+        solver = "direct" if "inertia" in name else "biaxial"
         found = measured(directory / (name.replace(" ", "").replace(",", "_") + ".h5"), *base,
-                         *more, file=file)
+                         *more, solver=solver)
         print(f"| {name} | {show(predicted(*base, *more)[1])} | "
               f"{'none' if found is None else f'{found:.1f}'} |", flush=True)
 
