@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # How far the answer of the main job depends on what the paper does not state: stiffer elasticity,
-# half the element size, half the step limits, a larger inertial number. About 15 minutes on two
+# half the element size, half the step limits, a larger inertial number. About 3 minutes on two
 # cores; runs that are done are not repeated. Usage: bash jobs/verify.sh [directory]
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
