@@ -2,7 +2,8 @@
 
 Each panel shows the inertial number on the deformed shape; one colour scale holds for
 a figure. Dashed lines: the band of the linear theory, at 51 degrees and 24.5 d wide,
-laid through the middle of the computed one. The runs are those of jobs/fig3.sh to
+laid through the middle of the computed one; for LI, whose bands are many, both directions
+through the centre. The runs are those of jobs/fig3.sh to
 jobs/fig7.sh, and ``RUNS`` names their files.
 """
 
@@ -75,13 +76,8 @@ def draw(name, save, directory, label, relative=False):
         edge = np.concatenate([x[0], x[:, -1], x[-1, ::-1], x[::-1, 0]])
         ax.plot(*edge.T, "k", linewidth=0.6)
         limits = x[..., 0].min(), x[..., 0].max()
-        if band["localised"] and band["angle"] is not None:
-            slope = np.tan(np.radians(np.copysign(ANGLE, band["angle"])))
-            centre = (x[..., 0].min() + x[..., 0].max()) / 2.0
-            for side in (-0.5, 0.5):
-                rise = side * SPACING / np.cos(np.radians(ANGLE))
-                ax.axline((centre, band["position"] + rise), slope=slope, color="white",
-                          linestyle="dashed", linewidth=0.9)
+        for point, slope in dashed_lines(p):
+            ax.axline(point, slope=slope, color="white", linestyle="dashed", linewidth=0.9)
         ax.set(xlim=limits, ylim=(0.0, tallest), aspect="equal", xlabel="$x_1/d$")
         ax.set_title(f"({p['letter']}) {label(p)}", fontsize=9)
         for key in ("x", "I"):
@@ -93,6 +89,28 @@ def draw(name, save, directory, label, relative=False):
     return shown
 
 
+def one_band(panel):
+    """Whether a panel has one band to be measured: LI has many, at both angles."""
+    band = panel["band"]
+    return (panel["settings"].get("pgran_model") != "li" and band["localised"]
+            and band["angle"] is not None)
+
+
+def dashed_lines(panel):
+    """Return points and slopes of the lines of the linear theory: along the band, or for LI across.
+    """
+    x, band = panel["x"], panel["band"]
+    middle, slope = (x[..., 0].min() + x[..., 0].max()) / 2.0, np.tan(np.radians(ANGLE))
+    if panel["settings"].get("pgran_model") == "li":
+        centre = middle, x[..., 1].max() / 2.0
+        return [(centre, slope), (centre, -slope)]
+    if not one_band(panel):
+        return []
+    rise = SPACING / 2.0 / np.cos(np.radians(ANGLE))
+    return [((middle, band["position"] + side), np.copysign(slope, band["angle"]))
+            for side in (-rise, rise)]
+
+
 def numbers(panel):
     """Return the rows (text, stated, found) of a panel's table."""
     band, cost = panel["band"], panel["cost"]
@@ -100,12 +118,12 @@ def numbers(panel):
     rows = [(f"{text}: I from", "-", band["inertial_number_min"]),
             (f"{text}: I to", "-", band["inertial_number_max"]),
             (f"{text}: localised", "-", "yes" if band["localised"] else "no")]
-    if band["localised"] and band["angle"] is not None:
+    if one_band(panel):
         rows += [(f"{text}: angle (degrees), +- {band['angle_error']:.1f}", "51 or -51",
                   band["angle"]),
                  (f"{text}: width (d), +- {band['width_error']:.1f}", "of the order of 24.5",
                   band["width"]),
-                 (f"{text}: bands across the profile", "-", band["bands"])]
+                 (f"{text}: bands across the profile", "1", band["bands"])]
     if "seconds" in cost:
         rows.append((f"{text}: steps/Newton/linear, s, MB", "-",
                      f"{cost['steps']}/{cost['newton_iterations']}/{cost['linear_iterations']}, "
