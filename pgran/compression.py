@@ -121,7 +121,7 @@ def numbers(panel):
     if one_band(panel):
         rows += [(f"{text}: angle (degrees), +- {band['angle_error']:.1f}", "51 or -51",
                   band["angle"]),
-                 (f"{text}: width (d), +- {band['width_error']:.1f}", "of the order of 24.5",
+                 (f"{text}: width (d), +- {band['width_error']:.1f}", "about 24.5",
                   band["width"]),
                  (f"{text}: bands across the profile", "1", band["bands"])]
     if "seconds" in cost:
