@@ -56,8 +56,11 @@ def panels(name, directory):
     return found, missing
 
 
-def draw(name, save, directory, label, relative=False):
-    """Draw a figure: ``label`` gives the title of a panel; ``relative`` shows I over I0."""
+def draw(name, save, directory, label, relative=False, more=lambda shown: []):
+    """Draw a figure: ``label`` gives the title of a panel; ``relative`` shows I over I0.
+
+    ``more`` gives further rows of the table for the panels.
+    """
     shown, missing = panels(name, directory)
     data, table = {}, [(f"not drawn, as the run is missing: {run}", "", "-") for run in missing]
     fields = [p["I"] / float(p["settings"]["pgran_inertial_number"]) if relative else p["I"]
@@ -70,7 +73,7 @@ def draw(name, save, directory, label, relative=False):
                                 figsize=(scale * sum(spans) + 0.4 * len(shown) + 1.6, 7.3),
                                 gridspec_kw={"width_ratios": spans}, constrained_layout=True)
     for ax, p, field in zip(axes[0], shown, fields):
-        x, band = p["x"], p["band"]
+        x = p["x"]
         image = ax.pcolormesh(x[..., 0], x[..., 1], field, shading="gouraud", cmap="viridis",
                               vmin=0.0, vmax=largest)
         edge = np.concatenate([x[0], x[:, -1], x[-1, ::-1], x[::-1, 0]])
@@ -85,8 +88,7 @@ def draw(name, save, directory, label, relative=False):
         table += numbers(p)
     axes[0, 0].set_ylabel("$x_2/d$")
     figure.colorbar(image, ax=axes, label="$I/I^0$" if relative else "$I$", shrink=0.7)
-    save(figure, data, table)
-    return shown
+    save(figure, data, table + more(shown))
 
 
 def one_band(panel):
@@ -159,20 +161,22 @@ def fig7(save, directory):
 
 def mesh_figure(name, save, directory):
     """Draw a figure over meshes, with the differences between successive ones."""
-    def with_differences(figure, data, table):
-        shown, _ = panels(name, directory)
-        rows = measure.mesh_differences([(p["x"], p["I"]) for p in shown])
-        for coarse, fine, row in zip(shown, shown[1:], rows):
-            text = (f"{coarse['run'].rsplit('_', 1)[1]} to {fine['run'].rsplit('_', 1)[1]}: "
-                    "difference of I over ")
-            table += [(text + "its L2 norm", "-", row["l2"]),
-                      (text + "its maximum", "-", row["maximum"])]
-            if row["order"] is not None:
-                table.append(("observed order in L2", "-", row["order"]))
-        save(figure, data, table)
+    draw(name, save, directory, lambda p: f"{float(p['settings']['pgran_element_size']):g} d",
+         more=mesh_rows)
 
-    draw(name, with_differences, directory,
-         lambda p: f"{float(p['settings']['pgran_element_size']):g} d")
+
+def mesh_rows(shown):
+    """Return rows of a table that compare successive meshes, by `measure.mesh_differences`."""
+    table = []
+    for coarse, fine, row in zip(shown, shown[1:], measure.mesh_differences(
+            [(p["x"], p["I"]) for p in shown])):
+        text = (f"{coarse['run'].rsplit('_', 1)[1]} to {fine['run'].rsplit('_', 1)[1]}: "
+                "difference of I over ")
+        table += [(text + "its L2 norm", "-", row["l2"]),
+                  (text + "its maximum", "-", row["maximum"])]
+        if row["order"] is not None:
+            table.append(("observed order in L2", "-", row["order"]))
+    return table
 
 
 FIGURES = {"fig3": fig3, "fig4": fig4, "fig5": fig5, "fig6": fig6, "fig7": fig7}

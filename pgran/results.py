@@ -239,9 +239,10 @@ def _read_fields(settings, option, number, physics, lattice, comm, names):
             # Ghosts of a periodic lattice lie beyond its ends.
             rows, columns = (np.arange(low, index.max() + 1) % n for low, index, n in (
                 (j0, lattice.j, ny), (i0, lattice.i, nx)))
-            fields = {name: np.moveaxis(group[name][...][np.ix_(rows, columns)], (0, 1),
-                                        (-2, -1)).reshape(group[name].shape[2:] + (-1,))
-                      for name in names}
+            slab = tuple(slice(index.min(), index.max() + 1) for index in (rows, columns))
+            inside = np.ix_(rows - rows.min(), columns - columns.min())
+            fields = {name: np.moveaxis(group[name][slab][inside], (0, 1), (-2, -1)).reshape(
+                group[name].shape[2:] + (-1,)) for name in names}
             return dict(group.attrs), fields
     except (OSError, KeyError) as problem:
         raise OptionError(f"-pgran_{option} {path}: cannot be read ({problem})") from None

@@ -11,7 +11,6 @@ stay in the cache; within one, arrays are (9 Gauss points, n elements).
 """
 
 import numpy as np
-from petsc4py import PETSc
 
 from . import cases, element, rheology
 from .grid import Grid
