@@ -1,11 +1,15 @@
-"""Start Python on ranks, from anywhere."""
+"""Start Python on ranks, from anywhere; whether a run came to its end."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import h5py
+
 ROOT = Path(__file__).resolve().parent.parent
+#: Ranks of a run of the jobs.
+RANKS = int(os.environ.get("PGRAN_RANKS", 2))
 
 
 def python(ranks, *arguments, **more):
@@ -24,3 +28,11 @@ def python(ranks, *arguments, **more):
                        OMPI_MCA_rmaps_base_oversubscribe="1", OMP_NUM_THREADS="1",
                        PYTHONPATH=str(ROOT))
     return subprocess.run(command, cwd=ROOT, env=environment, **{"check": True, **more})
+
+
+def complete(path):
+    """Whether the result file ``path`` is that of a run which came to its end."""
+    if not Path(path).exists():
+        return False
+    with h5py.File(path) as file:
+        return bool(file.attrs.get("complete", False))

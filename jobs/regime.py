@@ -9,23 +9,14 @@ are done are not repeated. About half an hour on two cores.
 import sys
 from pathlib import Path
 
-import h5py
 import numpy as np
-from launch import python
+from launch import RANKS, complete, python
 
 from pgran import measure, rheology, stability
 from pgran.options import read
 
 NUMBERS = 1e-4, 3e-4, 1e-3, 3e-3, 5e-3, 7e-3, 1e-2, 3e-2, 1e-1
 WIDTHS = 20, 40, 60, 80
-
-
-def finished(path):
-    """Whether a run came to its end."""
-    if not path.exists():
-        return False
-    with h5py.File(path) as file:
-        return bool(file.attrs.get("complete", False))
 
 
 def main(directory="results/regime"):
@@ -38,8 +29,8 @@ def main(directory="results/regime"):
     for width in WIDTHS:
         for number in NUMBERS:
             path = directory / f"L{width}_I{number:g}.h5"
-            if not finished(path):
-                done = python(2, "-m", "pgran", "-options_file", "options/biaxial.opts",
+            if not complete(path):
+                done = python(RANKS, "-m", "pgran", "-options_file", "options/biaxial.opts",
                               "-pgran_width", width, "-pgran_inertial_number", number,
                               "-pgran_output", path, "-pgran_progress", "quiet", check=False)
                 if done.returncode:

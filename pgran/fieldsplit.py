@@ -181,6 +181,10 @@ def _shell(comm, sets, vector, level):
             _block(comm, {name: sets[name]}, level) for name in names]
 
     def sub_dm(dm, fields):
+        if max(fields) >= len(names):
+            known = ", ".join(f"{number} {name}" for number, name in enumerate(names))
+            raise OptionError(f"-pc_fieldsplit_..._fields {','.join(map(str, fields))}: the fields "
+                              f"of this model are {known}")
         chosen = {names[k]: sets[names[k]] for k in fields}
         return _joined(comm, chosen), _block(comm, chosen, level)
 

@@ -97,3 +97,10 @@ def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
         most[size, ranks] = max(row["iterations"] for row in newton)
     assert max(most.values()) <= 40
     assert max(most.values()) <= 1.3 * min(most.values()), most
+
+
+def test_a_split_of_fields_that_a_model_lacks_is_refused(tmp_path):
+    done = pgran(2, "biaxial.opts", tmp_path / "x.h5", "-pgran_model", "li", limit=60, check=False)
+    assert done.returncode == 1
+    assert done.stderr.count("pgran: error: ") == 1
+    assert "fields 2: the fields of this model are 0 velocity, 1 pressure" in done.stderr
