@@ -3,4 +3,4 @@
 # Elements of d/2 as in the paper; about 7 minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/section4.sh"
 ngf 40 0.001 0.5
-$python -m pgran.figures fig3
+$python -m pgran.figures fig3 -results "$results"

@@ -3,4 +3,4 @@
 # Elements of d/2 as in the paper; about 15 minutes on two cores, the run of figure 3 being there.
 source "$(dirname "${BASH_SOURCE[0]}")/section4.sh"
 for width in 20 40 60; do ngf $width 0.001 0.5; done
-$python -m pgran.figures fig4
+$python -m pgran.figures fig4 -results "$results"

@@ -6,4 +6,4 @@
 # A minute on two cores, the run of figure 3 being there; d/4 takes half an hour more.
 source "$(dirname "${BASH_SOURCE[0]}")/section4.sh"
 for size in ${1:-2 1 0.5}; do ngf 40 0.001 "$size"; done
-$python -m pgran.figures fig6
+$python -m pgran.figures fig6 -results "$results"

@@ -8,4 +8,4 @@ source "$(dirname "${BASH_SOURCE[0]}")/section4.sh"
 for size in ${1:-2 1}; do
     run "$results/li_L40_I0.001_h$size.h5" options/li.opts -pgran_element_size "$size"
 done
-$python -m pgran.figures fig7
+$python -m pgran.figures fig7 -results "$results"
