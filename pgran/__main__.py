@@ -55,10 +55,12 @@ def start(arguments, action, slepc=False):
         petsc4py.init(given)
     from petsc4py import PETSc
 
+    comm = PETSc.COMM_WORLD
+    if comm.size > 1:  # Debian's h5py has MPI where mpiexec left its traces, which srun does not
+        os.environ.setdefault("H5PY_ALWAYS_USE_MPI", "1")
     from . import options
     from .evolve import StepError
 
-    comm = PETSc.COMM_WORLD
     try:
         if missing:
             raise options.OptionError(f"-options_file {missing[0]}: there is no such file")
