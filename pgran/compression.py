@@ -156,13 +156,23 @@ def fig6(save, directory):
 
 def fig7(save, directory):
     """LI at element sizes 2 d to d/4, 1 % compression, and how they do not converge."""
-    mesh_figure("fig7", save, directory)
+    mesh_figure("fig7", save, directory, crossings)
 
 
-def mesh_figure(name, save, directory):
+def crossings(shown):
+    """Return rows of a table: how many bands, where I > I0, a line up the specimen crosses."""
+    rows = []
+    for p in shown:
+        column = p["I"][:, p["I"].shape[1] // 4] > float(p["settings"]["pgran_inertial_number"])
+        rows.append((f"({p['letter']}) {p['run']}: bands across the line at L/4",
+                     "more with refinement", measure.stretches(column)))
+    return rows
+
+
+def mesh_figure(name, save, directory, more=lambda shown: []):
     """Draw a figure over meshes, with the differences between successive ones."""
     draw(name, save, directory, lambda p: f"{float(p['settings']['pgran_element_size']):g} d",
-         more=mesh_rows)
+         more=lambda shown: more(shown) + mesh_rows(shown))
 
 
 def mesh_rows(shown):

@@ -120,8 +120,13 @@ def _count_bands(x, I, share, normal):
     bins = ((distance - distance.min()) / spacing).astype(int).ravel()
     weight = np.bincount(bins, share.ravel())
     profile = np.bincount(bins, (share * I).ravel()) / np.maximum(weight, 1e-300)
-    inside = np.concatenate([[False], profile > profile.max() / 2.0])
-    return int(np.count_nonzero(inside[1:] & ~inside[:-1]))
+    return stretches(profile > profile.max() / 2.0)
+
+
+def stretches(inside):
+    """Return how many unbroken stretches of True there are in ``inside`` (n,)."""
+    before = np.concatenate([[False], inside[:-1]])
+    return int(np.count_nonzero(inside & ~before))
 
 
 def mesh_differences(results):
