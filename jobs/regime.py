@@ -2,8 +2,9 @@
 
     python jobs/regime.py [directory: results/regime]
 
-NGF, elements of 2 d, options/biaxial.opts otherwise. Writes regime.png and regime.csv; runs that
-are done are not repeated. About half an hour on two cores.
+NGF, elements of 2 d, options/biaxial.opts otherwise. Dashed: the shortest wavelength that grows in
+free space; red: growth rates of a column of that width (pgran.growth). Writes regime.png and
+regime.csv; runs that are done are not repeated. About half an hour on two cores.
 """
 
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from launch import RANKS, complete, python
 
-from pgran import measure, rheology, stability
+from pgran import growth, measure, rheology, stability
 from pgran.options import read
 
 NUMBERS = 1e-4, 3e-4, 1e-3, 3e-3, 5e-3, 7e-3, 1e-2, 3e-2, 1e-1
@@ -57,6 +58,13 @@ def main(directory="results/regime"):
     wavelength = np.full_like(I0, np.nan)
     np.divide(2.0 * np.pi * settings.A, k_cut, out=wavelength, where=k_cut > 0.0)
     axes.plot(I0, wavelength, "k--", linewidth=1.0, label=r"$2\pi/k_{cut}$")
+    numbers, widths = np.geomspace(8e-5, 0.13, 60), np.linspace(12.0, 90.0, 40)
+    rates = [[growth.column_growth_rate(read({"pgran_width": str(width), "pgran_inertial_number":
+                                              str(number)})) for number in numbers]
+             for width in widths]
+    lines = axes.contour(numbers, widths, rates, levels=(25, 50, 100, 200, 400, 800),
+                         colors="tab:red", linewidths=0.8)
+    axes.clabel(lines, fontsize=7, fmt=r"%g $\dot\gamma^0$")
     axes.set(xscale="log", xlabel="$I^0$", ylabel="$L/d$", ylim=(10, 90))
     axes.legend(fontsize=8, loc="lower right")
     figure.colorbar(image, label="$(I_{max} - I_{min})/I^0$")

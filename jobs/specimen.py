@@ -2,9 +2,10 @@
 
     python jobs/specimen.py [directory: results/specimen]
 
-Fastest growth rates of the linearised step (pgran.growth) over L, I0, G, inertia and the parts of
-the coupling, beside the growth of the range of I in nonlinear runs with a faint imperfection.
-Prints Markdown tables; runs that are there are not repeated. About ten minutes on two cores.
+Fastest growth rates of the linearised step (pgran.growth) over L, H, I0, G, inertia and the parts
+of the coupling, beside a column that creeps, and the growth of the range of I in nonlinear runs
+with a faint imperfection. Prints Markdown tables and leaves the fastest mode, mode.png; runs that
+are there are not repeated. About ten minutes on two cores.
 """
 
 import json
@@ -14,6 +15,9 @@ from pathlib import Path
 
 from growth import fitted, history
 from launch import RANKS, complete, python
+
+from pgran.growth import column_growth_rate
+from pgran.options import read
 
 #: Half the range of I over I0 between which growth is fitted, at I0 = 0.001 and above. The first
 #: points fall below yield at 0.04; a smaller I0, with mu - mu_s = b I0, takes them there earlier.
@@ -25,6 +29,12 @@ def predicted(*options, steps="5e-4,2.5e-4"):
     done = python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts", "-json", "-dt",
                   steps, *options, stdout=subprocess.PIPE, text=True)
     return [row["growth_rates"] for row in json.loads(done.stdout)]
+
+
+def column(options, half_waves=1):
+    """Return the growth rate of a column, gdot0, for options as on the command line."""
+    given = {name[1:]: str(value) for name, value in zip(options[::2], options[1::2])}
+    return column_growth_rate(read(given), half_waves)
 
 
 def measured(output, *options, imperfection=0.9999, step=2.5e-4, end=0.02, solver="biaxial"):
@@ -58,7 +68,13 @@ def main(directory="results/specimen"):
                     "faces,geometry"):
         more = ("-without", without) if without else ()
         print(f"| {without or 'nothing'} | {show(predicted(*base, *more)[1])} |")
-    print("\n| case | linearised step | nonlinear run |\n|---|---|---|")
+    print("\n| H (L = 40 d) | the two fastest growth rates | column, n = 1 and 2 |\n|---|---|---|")
+    for height in (60, 80, 120, 160, 240):
+        both = predicted(*base, "-pgran_height", height)[1]
+        print(f"| {height} d | {both[0][0]:.1f}, {both[1][0]:.1f} | "
+              f"{column(('-pgran_height', height), 1):.1f}, "
+              f"{column(('-pgran_height', height), 2):.1f} |")
+    print("\n| case | linearised step | column | nonlinear run |\n|---|---|---|---|")
     slow = {"step": 5e-4, "end": 0.05}
     cases = [("L = 40 d, I0 = 0.001, G = 1000", (), {}),
              ("L = 20 d", ("-pgran_width", 20), slow),
@@ -74,8 +90,10 @@ def main(directory="results/specimen"):
     for name, more, how in cases:
         found = measured(directory / (name.replace(" ", "").replace(",", "_") + ".h5"), *base,
                          *more, **how)
-        print(f"| {name} | {show(predicted(*base, *more)[1])} | "
+        print(f"| {name} | {show(predicted(*base, *more)[1])} | {column(more):.1f} | "
               f"{'none' if found is None else f'{found:.1f}'} |", flush=True)
+    python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts", *base, "-dt", "5e-4",
+           "-mode", directory / "mode.h5")
 
 
 if __name__ == "__main__":

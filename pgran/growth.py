@@ -1,6 +1,7 @@
 """Why a specimen localises: growth rates of the linearised time step on the moving mesh.
 
     python -m pgran.growth -options_file options/growth.opts [-dt 1e-3,5e-4] [-without faces]
+        [-mode NAME.h5]
 
 A step takes the mesh, the stress and the unknowns of one time to those of the next.
 About homogeneous flow its linearisation has multipliers m, and log(m)/dt are growth
@@ -13,6 +14,10 @@ undisturbed shape), ``interior`` (only nodes of the lateral faces are where the 
 takes them), ``spin`` (the stress does not turn with the disturbance), ``memory`` (the
 stress of the step before is undisturbed).
 
+``-mode`` writes the fastest mode of the last step as a result file with a picture: on a shape
+displaced by at most `SHOWN`, the fields ``displacement`` (d), ``velocity`` (d gdot0), ``fluidity``
+and ``pressure`` of a disturbance whose largest displacement is 1 d.
+Below these stands what the creep of a column says (`column_growth_rate`).
 ``-json`` prints a list of the step and its rates as [real, imaginary]. A good run
 prints growth rates that agree between the steps. Units of gdot0.
 """
@@ -22,12 +27,39 @@ import sys
 
 import numpy as np
 
+from . import rheology
 from .options import OptionError, Settings
 
-OWN = ("dt", "without", "json")
+OWN = ("dt", "without", "mode", "json")
 PARTS = "faces", "geometry", "interior", "spin", "memory"
 #: Size of the disturbances that are differenced, in d, |sigma_1| and gdot0.
 SIZE = 1e-5
+#: Largest displacement of the shape on which a mode is shown, d.
+SHOWN = 2.0
+
+
+def column_growth_rate(settings, half_waves=1):
+    """Return the growth rate, gdot0, at which a specimen sways as a column does that creeps.
+
+    Its top slides, so that it leans in ``half_waves`` half sine waves, k = n pi/H. The plates press
+    with N beyond the lateral stress, and E is the tangent viscosity of the axial stress::
+
+        phi rho_s L r^2 + E (L^3/12) k^4 r - N k^2 = 0,    N = (|sigma_2| - |sigma_1|) L = 2 mu P0 L
+        E = 4 M P0^2/|sigma_1|,    M = I0 mu_loc'(I0) + A^2 d^2 (12/L^2 + k^2)
+
+    NGF: a fluidity that varies across the width ends at faces without flux, in layers of
+    A d/sqrt(mu), which adds the 12/L^2 to bending; LI has no such term. For H >= 3 L.
+    """
+    law, material = rheology.law_of(settings), rheology.material_of(settings)
+    mu, slope = law.stress_ratio(settings.inertial_number)
+    P, L, k = material.pressure, settings.width, half_waves * np.pi / settings.height
+    M = settings.inertial_number * slope
+    if settings.model == "ngf":
+        M = M + settings.A**2 * (12.0 / L**2 + k**2)
+    inertia = material.bulk_density * L if settings.inertia else 0.0
+    bending, load = 4.0 * M * P**2 * L**3 / 12.0 * k**4, 2.0 * mu * P * L * k**2
+    # The positive root, in the form that needs no inertia.
+    return float(2.0 * load / (bending + np.sqrt(bending**2 + 4.0 * inertia * load)))
 
 
 class LinearisedStep:
@@ -117,10 +149,11 @@ class LinearisedStep:
         y.setArray(self.apply(x.array_r))
 
 
-def growth_rates(form, dt, without=(), count=4):
-    """Return the fastest growth rates (complex, gdot0) of a form's step, fastest first. Collective.
+def fastest_modes(form, dt, without=(), count=4):
+    """Return the fastest growth rates (complex, gdot0) of a form's step and their modes.
 
-    Solver options have the prefixes ``-eps_`` and ``-step_``.
+    Fastest first; a mode is a `LinearisedStep` disturbance (size,), complex. Solver
+    options have the prefixes ``-eps_`` and ``-step_``. Collective.
     """
     from petsc4py import PETSc
     from slepc4py import SLEPc
@@ -136,8 +169,41 @@ def growth_rates(form, dt, without=(), count=4):
     eps.setTolerances(1e-6, 100)
     eps.setFromOptions()
     eps.solve()
-    found = [eps.getEigenvalue(k) for k in range(eps.getConverged())]
-    return sorted((complex(np.log(complex(m)) / dt) for m in found), key=lambda r: -r.real)
+    found, (real, imaginary) = [], shell.createVecs()
+    for k in range(eps.getConverged()):
+        multiplier = complex(eps.getEigenpair(k, real, imaginary))
+        found.append((complex(np.log(multiplier) / dt), real.array + 1j * imaginary.array))
+    return sorted(found, key=lambda mode: -mode[0].real)
+
+
+def write_mode(path, settings, form, rate, mode):
+    """Write a mode as the module's docstring tells; return the files. Collective.
+
+    Raises `OptionError` where that cannot be done.
+    """
+    from .results import Writer
+
+    grid, comm = form.grid, form.grid.comm.tompi4py()
+    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    moved = mode[:x.size]
+    candidates = comm.allgather(moved[np.argmax(np.abs(moved))])
+    mode = (mode / max(candidates, key=abs)).real
+    velocity, fluidity, pressure = grid.split(mode[x.size:x.size + grid.n_local])
+    displacement = mode[:x.size].reshape(x.shape)
+    fields = {"coordinates": x + SHOWN * displacement, "displacement": displacement,
+              "velocity": velocity, "pressure": form.corner_field(pressure)}
+    if fluidity is not None:
+        fields["fluidity"] = fluidity
+    writer = Writer(path, grid, settings, {"growth_rate": rate.real, "complete": True})
+    writer.snapshot(0.0, 0.0, fields)
+
+    def picture():
+        from . import plot
+
+        shown = "fluidity" if "fluidity" in fields else "pressure"
+        return plot.field(path, "0000", shown, f"{shown} of the fastest mode")
+
+    return writer.path, writer.path.with_suffix(".xdmf"), writer.root_only(picture)
 
 
 def main(arguments):
@@ -165,8 +231,11 @@ def run(settings, comm):
     if min(steps) <= 0.0:
         raise OptionError(f"-dt {own['dt']}: allowed is a list of numbers > 0")
     form = discretise(Settings(**{**vars(settings), "imperfection": 1.0}), comm)
-    rows = [{"dt": dt, "growth_rates": [[rate.real, rate.imag] for rate in
-                                        growth_rates(form, dt, without)]} for dt in steps]
+    rows = []
+    for dt in steps:
+        modes = fastest_modes(form, dt, without)
+        rows.append({"dt": dt, "growth_rates": [[rate.real, rate.imag] for rate, _ in modes]})
+    files = write_mode(own["mode"], settings, form, *modes[0]) if modes and "mode" in own else ()
     if comm.rank:
         return
     if "json" in own:
@@ -176,6 +245,10 @@ def run(settings, comm):
         shown = "  ".join(f"{real:.4g}{imaginary:+.3g}i" if imaginary else f"{real:.4g}"
                           for real, imaginary in row["growth_rates"])
         print(f"  dt {row['dt']:.3g}: {shown or 'no multiplier converged'}")
+    if settings.case == "biaxial":
+        print(f"  a column: {column_growth_rate(settings):.4g}")
+    if files:
+        print("  mode: " + ", ".join(map(str, files)))
 
 
 if __name__ == "__main__":

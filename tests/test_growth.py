@@ -2,10 +2,14 @@
 
 import json
 
+import h5py
+import numpy as np
 import pytest
 from conftest import ROOT, run_ranks
 
 import specimen
+from pgran.growth import column_growth_rate
+from pgran.options import read
 
 SMALL = "-pgran_element_size", 4
 
@@ -49,3 +53,32 @@ def test_the_lateral_faces_alone_carry_the_instability():
     whole, faces_alone = (rates(1, "-dt", "5e-4", *more)[5e-4][0][0] for more in (
         (), ("-without", "interior,spin,memory")))
     assert faces_alone == pytest.approx(whole, rel=0.05)
+
+
+@pytest.mark.parametrize("options", [
+    {"height": 240}, {"inertial_number": 1e-4}, {"inertial_number": 0.03},
+    {"width": 20, "height": 60}, {"inertia": "true"}, {"law": "jop"}], ids=str)
+def test_a_slender_specimen_sways_as_a_column_does(options):
+    given = [text for name, value in options.items() for text in (f"-pgran_{name}", value)]
+    found = rates(1, "-dt", "2.5e-4", *given)[2.5e-4][0][0]
+    settings = read({f"pgran_{name}": str(value) for name, value in options.items()})
+    assert found == pytest.approx(column_growth_rate(settings), rel=0.12)
+
+
+def test_modes_of_a_specimen_are_sine_waves_along_it():
+    tall = rates(1, "-dt", "5e-4", "-pgran_height", 240)[5e-4]
+    assert tall[1][0] == pytest.approx(rates(1, "-dt", "5e-4")[5e-4][0][0], rel=1e-4)
+
+
+def test_the_fastest_mode_is_written(tmp_path):
+    path = tmp_path / "mode.h5"
+    run_ranks(2, "-m", "pgran.growth", *SMALL, "-dt", "1e-3", "-mode", path)
+    with h5py.File(path) as file:
+        group = file["snapshots/0000"]
+        lean, x = group["displacement"][..., 0], group["coordinates"][...]
+        assert file.attrs["growth_rate"] > 300.0
+    assert path.with_suffix(".png").exists() and np.abs(lean).max() == pytest.approx(1.0)
+    # Half a cosine up the specimen.
+    middle = lean[:, 10] - lean[:, 10].mean()
+    wave = np.cos(np.pi * np.linspace(0.0, 1.0, len(x)))
+    assert abs(np.corrcoef(middle, wave)[0, 1]) > 0.99
