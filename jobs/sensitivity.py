@@ -2,7 +2,7 @@
 
     python jobs/sensitivity.py [directory: results/sensitivity] [-pgran_... options for all]
 
-Elastic modulus, step, imperfection and law; prints a Markdown table with the band at 5 and 10 %
+Elastic modulus, step, imperfection, law and plate; prints a Markdown table with the band at 5 and 10 %
 compression and the cost of each run. Runs that are done are not repeated. About ten minutes on
 two cores. Meshes are the matter of jobs/meshes.sh.
 """
@@ -30,7 +30,8 @@ CASES = {
     "imperfection 0.999": ("-pgran_imperfection", 0.999),
     "weak square of 4 d": ("-pgran_imperfection_size", 4),
     "mirrored": ("-pgran_imperfection_mirrored", "true"),
-    "Jop": ("-pgran_law", "jop")}
+    "Jop": ("-pgran_law", "jop"),
+    "plate held": ("-pgran_plate_slides", "false")}
 
 
 def run(path, *options):

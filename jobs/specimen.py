@@ -31,7 +31,7 @@ def predicted(*options, steps="5e-4,2.5e-4"):
     return [row["growth_rates"] for row in json.loads(done.stdout)]
 
 
-def column(options, half_waves=1):
+def column(options, half_waves=None):
     """Return the growth rate of a column, gdot0, for options as on the command line."""
     given = {name[1:]: str(value) for name, value in zip(options[::2], options[1::2])}
     return column_growth_rate(read(given), half_waves)
@@ -84,6 +84,7 @@ def main(directory="results/specimen"):
              ("I0 = 0.007", ("-pgran_inertial_number", 0.007), slow),
              ("I0 = 0.03", ("-pgran_inertial_number", 0.03), {"step": 1e-3, "end": 0.08})]
     cases += [(f"G = {G:g}", ("-pgran_shear_modulus", G), {}) for G in (100, 1e4, 1e5)]
+    cases += [("upper plate held", ("-pgran_plate_slides", "false"), {"step": 1e-3, "end": 0.08})]
     # With inertia the pressure mass matrix is no stand-in for the Schur complement.
     cases += [("with inertia", ("-pgran_inertia", "true"),
                {"imperfection": 0.999, "step": 1e-3, "end": 0.06, "solver": "direct"})]

@@ -70,6 +70,12 @@ def test_modes_of_a_specimen_are_sine_waves_along_it():
     assert tall[1][0] == pytest.approx(rates(1, "-dt", "5e-4")[5e-4][0][0], rel=1e-4)
 
 
+def test_a_plate_that_is_held_leaves_the_second_mode():
+    free, held = (rates(1, "-dt", "5e-4", *more)[5e-4] for more in (
+        (), ("-pgran_plate_slides", "false")))
+    assert held[0][0] == pytest.approx(free[1][0], rel=0.03)
+
+
 def test_the_fastest_mode_is_written(tmp_path):
     path = tmp_path / "mode.h5"
     run_ranks(2, "-m", "pgran.growth", *SMALL, "-dt", "1e-3", "-mode", path)
