@@ -309,9 +309,8 @@ def write_mode(settings, form, mode, row, say):
     grid, case, comm = form.grid, form.case, form.grid.comm.tompi4py()
     x = case.coordinates(grid.nodes.i, grid.nodes.j)
     # The largest velocity becomes 1 in size and real, on whichever rank it is.
-    velocity = grid.split(mode)[0][:, grid.nodes.owned].ravel()
-    candidates = comm.allgather(velocity[np.argmax(np.abs(velocity))])
-    velocity, fluidity, pressure = grid.split((mode / max(candidates, key=abs)).real)
+    scale = grid.largest(grid.split(mode)[0][:, grid.nodes.owned].ravel())
+    velocity, fluidity, pressure = grid.split((mode / scale).real)
     if any(case.periodic):
         # The held pressure of one corner adds a constant, which changes no flow: take it out.
         pressure, fluidity = (field if field is None else field - comm.allreduce(

@@ -178,6 +178,10 @@ class Grid:
         return {name: PETSc.IS().createGeneral(numbers, comm=self.comm)
                 for name, numbers in sets.items()}
 
+    def largest(self, values):
+        """Return the entry of largest size among the ``values`` (n,) of all ranks. Collective."""
+        return max(self.comm.tompi4py().allgather(values[np.argmax(np.abs(values))]), key=abs)
+
     def sum_at_nodes(self, values):
         """Return the sums (n_nodes,) over elements of ``values`` (9, n) at their nodes.
 

@@ -184,11 +184,9 @@ def write_mode(path, settings, form, rate, mode):
     """
     from .results import Writer
 
-    grid, comm = form.grid, form.grid.comm.tompi4py()
+    grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    moved = mode[:x.size]
-    candidates = comm.allgather(moved[np.argmax(np.abs(moved))])
-    mode = (mode / max(candidates, key=abs)).real
+    mode = (mode / grid.largest(mode[:x.size])).real
     velocity, fluidity, pressure = grid.split(mode[x.size:x.size + grid.n_local])
     displacement = mode[:x.size].reshape(x.shape)
     fields = {"coordinates": x + SHOWN * displacement, "displacement": displacement,
