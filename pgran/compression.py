@@ -175,13 +175,22 @@ def mesh_figure(name, save, directory, more=lambda shown: []):
          more=lambda shown: more(shown) + mesh_rows(shown))
 
 
+def falls(panel):
+    """Whether the one band of a panel falls towards the right."""
+    return bool(one_band(panel) and panel["band"]["angle"] < 0.0)
+
+
 def mesh_rows(shown):
-    """Return rows of a table that compare successive meshes, by `measure.mesh_differences`."""
+    """Return rows of a table that compare successive meshes, by `measure.mesh_differences`.
+
+    A band that falls towards the right is mirrored first: either direction may come out.
+    """
     table = []
     for coarse, fine, row in zip(shown, shown[1:], measure.mesh_differences(
-            [(p["x"], p["I"]) for p in shown])):
-        text = (f"{coarse['run'].rsplit('_', 1)[1]} to {fine['run'].rsplit('_', 1)[1]}: "
-                "difference of I over ")
+            [(p["x"][:, ::-1], p["I"][:, ::-1]) if falls(p) else (p["x"], p["I"])
+             for p in shown])):
+        text = (f"{coarse['run'].rsplit('_', 1)[1]} to {fine['run'].rsplit('_', 1)[1]}"
+                f"{', mirrored' if falls(coarse) != falls(fine) else ''}: difference of I over ")
         table += [(text + "its L2 norm", "-", row["l2"]),
                   (text + "its maximum", "-", row["maximum"])]
         if row["order"] is not None:
