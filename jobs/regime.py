@@ -2,9 +2,9 @@
 
     python jobs/regime.py [directory: results/regime]
 
-NGF, elements of 2 d, options/biaxial.opts otherwise. Dashed: the shortest wavelength that grows in
+NGF, elements of 2 d (3 d at L = 60 d, 4 d at 80 d), options/biaxial.opts otherwise. Dashed: the shortest wavelength that grows in
 free space; red: growth rates of a column of that width (pgran.growth). Writes regime.png and
-regime.csv; runs that are done are not repeated. About half an hour on two cores.
+regime.csv; runs that are done are not repeated. About ten minutes on two cores.
 """
 
 import sys
@@ -33,6 +33,7 @@ def main(directory="results/regime"):
             if not complete(path):
                 done = python(RANKS, "-m", "pgran", "-options_file", "options/biaxial.opts",
                               "-pgran_width", width, "-pgran_inertial_number", number,
+                              "-pgran_element_size", max(2, width // 20),
                               "-pgran_output", path, "-pgran_progress", "quiet", check=False)
                 if done.returncode:
                     print(f"{path}: did not come to its end", flush=True)

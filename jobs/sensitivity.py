@@ -2,9 +2,9 @@
 
     python jobs/sensitivity.py [directory: results/sensitivity] [-pgran_... options for all]
 
-Elastic modulus, step, imperfection, law and plate; prints a Markdown table with the band at 5 and 10 %
-compression and the cost of each run. Runs that are done are not repeated. About ten minutes on
-two cores. Meshes are the matter of jobs/meshes.sh.
+Elastic modulus, step, imperfection, law and plates; prints a Markdown table with the band at 5 and
+10 % compression and the cost of each run. Runs that are done are not repeated. About ten minutes
+on two cores. Meshes are the matter of jobs/meshes.sh.
 """
 
 import sys
@@ -31,7 +31,7 @@ CASES = {
     "weak square of 4 d": ("-pgran_imperfection_size", 4),
     "mirrored": ("-pgran_imperfection_mirrored", "true"),
     "Jop": ("-pgran_law", "jop"),
-    "plate held": ("-pgran_plate_slides", "false")}
+    "plates that hold": ("-pgran_plates_slip", "false")}
 
 
 def run(path, *options):

@@ -41,8 +41,8 @@ SHOWN = 2.0
 def column_growth_rate(settings, half_waves=None):
     """Return the growth rate, gdot0, at which a specimen sways as a column does that creeps.
 
-    It leans in ``half_waves`` n half sine waves, k = n pi/H, 1 where its top slides, else 2. The
-    plates press with N beyond the lateral stress; E is the tangent viscosity of the axial stress::
+    It leans in ``half_waves`` n half sine waves, k = n pi/H: 1 where plates let it slip, else 2.
+    They press with N beyond the lateral stress; E is the tangent viscosity of the axial stress::
 
         phi rho_s L r^2 + E (L^3/12) k^4 r - N k^2 = 0,    N = (|sigma_2| - |sigma_1|) L = 2 mu P0 L
         E = 4 M P0^2/|sigma_1|,    M = I0 mu_loc'(I0) + A^2 d^2 (12/L^2 + k^2)
@@ -52,7 +52,7 @@ def column_growth_rate(settings, half_waves=None):
     """
     law, material = rheology.law_of(settings), rheology.material_of(settings)
     mu, slope = law.stress_ratio(settings.inertial_number)
-    half_waves = half_waves or (1 if settings.plate_slides else 2)
+    half_waves = half_waves or (1 if settings.plates_slip else 2)
     P, L, k = material.pressure, settings.width, half_waves * np.pi / settings.height
     M = settings.inertial_number * slope
     if settings.model == "ngf":

@@ -136,8 +136,8 @@ TABLE = (
               "at the centre (biaxial); one element unless given"),
     Option("imperfection_mirrored", "bool", False, "", "put the weak square to the left of the "
            "centre instead (biaxial)"),
-    Option("plate_slides", "bool", True, "", "leave the upper plate free along x1; otherwise its "
-           "left corner stays above the lower one (biaxial)"),
+    Option("plates_slip", "bool", True, "", "let the specimen slip along the plates; otherwise "
+           "both carry it with the v1 of homogeneous flow (biaxial)"),
     Option("compression", "float", 0.10, "", "where the run ends, 1 - h/H", "h = H exp(D2 t)",
            low=0.0, high=1.0, open_low=True, open_high=True),
     Option("snapshots", "floats", None, "", "compressions at which the fields are written, each "

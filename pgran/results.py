@@ -193,7 +193,7 @@ MODE_PHYSICS = ("case", "model", "law", "mu_s", "mu_2", "b", "A", "phi", "inerti
                 "height")
 PHYSICS = ("case", "model", "law", "mu_s", "mu_2", "b", "A", "inertial_number", "width", "height",
            "element_size", "imperfection", "imperfection_size", "imperfection_mirrored",
-           "plate_slides", "body_force")
+           "plates_slip", "body_force")
 
 
 def read_snapshot(settings, lattice, comm):

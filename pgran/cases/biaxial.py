@@ -4,7 +4,8 @@ The bottom carries v2 = 0, its left corner also v1 = 0; the top moves down at
 v2 = D2 H exp(D2 t) and slides freely; the lateral faces carry the normal stress
 sigma_1 = -1, which follows the deformed normal; the fluidity has no flux through
 any face. The element to the upper right of the centre has a lower yield value; how large
-the weak square is, whether it lies to the left, and whether the top slides are options.
+the weak square is, whether it lies to the left, and whether the plates hold the specimen are
+options.
 """
 
 import numpy as np
@@ -34,8 +35,10 @@ class Case(BaseCase):
         values = np.full((2, i.size), np.nan)
         values[1, j == 0] = 0.0
         values[0, (i == 0) & (j == 0)] = 0.0
-        if not self.settings.plate_slides:
-            values[0, (i == 0) & (j == 2 * self.shape[1])] = 0.0
+        if not self.settings.plates_slip:
+            ends = (j == 0) | (j == 2 * self.shape[1])
+            x1 = self.coordinates(i, j)[0, ends]  # of the material, before it moved
+            values[0, ends] = 0.5 * x1 * np.exp(0.5 * time)
         values[1, j == 2 * self.shape[1]] = -0.5 * self.settings.height * np.exp(-0.5 * time)
         return values
 
