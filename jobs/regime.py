@@ -2,9 +2,10 @@
 
     python jobs/regime.py [directory: results/regime]
 
-NGF, elements of 2 d (3 d at L = 60 d, 4 d at 80 d), options/biaxial.opts otherwise. Dashed: the shortest wavelength that grows in
-free space; red: growth rates of a column of that width (pgran.growth). Writes regime.png and
-regime.csv; runs that are done are not repeated. About ten minutes on two cores.
+NGF, elements of 2 d (3 d at L = 60 d, 4 d at 80 d), options/biaxial.opts otherwise. Dashed: the
+shortest wavelength that grows in free space; red: growth rates of a column of that width
+(pgran.growth). Writes regime.png and regime.csv; runs that are done are not repeated. About ten
+minutes on two cores.
 """
 
 import sys
