@@ -48,7 +48,8 @@ def main(directory="results/regime"):
     table = np.array(rows, dtype=float)
     np.savetxt(directory / "regime.csv", table, delimiter=",", comments="",
                header="width,I0,I_min_over_I0,I_max_over_I0,localised,angle,band_width")
-    figure, axes = plt.subplots(figsize=(6.0, 4.0), constrained_layout=True)
+    figure, axes = plt.subplots(figsize=(6.5, 4.6), constrained_layout=True)
+    axes.set(xscale="log", xlabel="$I^0$", ylabel="$L/d$", xlim=(7e-5, 0.14), ylim=(10, 90))
     for localised, marker, label in ((1, "s", "localised"), (0, "o", "not localised")):
         part = table[table[:, 4] == localised]
         image = axes.scatter(part[:, 1], part[:, 0], c=part[:, 3] - part[:, 2], s=90,
@@ -60,15 +61,14 @@ def main(directory="results/regime"):
     wavelength = np.full_like(I0, np.nan)
     np.divide(2.0 * np.pi * settings.A, k_cut, out=wavelength, where=k_cut > 0.0)
     axes.plot(I0, wavelength, "k--", linewidth=1.0, label=r"$2\pi/k_{cut}$")
-    numbers, widths = np.geomspace(8e-5, 0.13, 60), np.linspace(12.0, 90.0, 40)
+    numbers, widths = np.geomspace(7e-5, 0.14, 60), np.linspace(12.0, 90.0, 40)
     rates = [[growth.column_growth_rate(read({"pgran_width": str(width), "pgran_inertial_number":
                                               str(number)})) for number in numbers]
              for width in widths]
     lines = axes.contour(numbers, widths, rates, levels=(25, 50, 100, 200, 400, 800),
                          colors="tab:red", linewidths=0.8)
     axes.clabel(lines, fontsize=7, fmt=r"%g $\dot\gamma^0$")
-    axes.set(xscale="log", xlabel="$I^0$", ylabel="$L/d$", ylim=(10, 90))
-    axes.legend(fontsize=8, loc="lower right")
+    axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncol=3)
     figure.colorbar(image, label="$(I_{max} - I_{min})/I^0$")
     figure.savefig(directory / "regime.png", dpi=150)
     print(directory / "regime.png")
