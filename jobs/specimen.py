@@ -51,7 +51,8 @@ def later(options, time):
     return at(np.exp(time / 2.0)) / at(1.0)
 
 
-def measured(output, *options, imperfection=0.9999, step=2.5e-4, end=0.02, solver="biaxial"):
+def measured(output, *options, imperfection=0.9999, step=2.5e-4, end=0.02, solver="biaxial",
+             window=LINEAR):
     """Return the growth rate fitted to a nonlinear run, gdot0, and when it was found, 1/gdot0.
 
     None and None where nothing grows.
@@ -62,7 +63,7 @@ def measured(output, *options, imperfection=0.9999, step=2.5e-4, end=0.02, solve
                "-pgran_compression", end, "-pgran_snapshots", end, "-pgran_output", output,
                "-pgran_progress", "quiet", *options)
     I0, time, span = history(output)
-    window = [min(1.0, I0 / 0.001) * limit for limit in LINEAR]
+    window = [min(1.0, I0 / 0.001) * limit for limit in window]
     rate = fitted(time, span, window)
     if rate is None:
         return None, None
@@ -107,9 +108,10 @@ def main(directory="results/specimen"):
              ("I0 = 0.03", ("-pgran_inertial_number", 0.03), {"step": 1e-3, "end": 0.08})]
     cases += [(f"G = {G:g}", ("-pgran_shear_modulus", G), {}) for G in (100, 1e4, 1e5)]
     cases += [("plates hold it", ("-pgran_plates_slip", "false"), {"step": 1e-3, "end": 0.14})]
-    # With inertia the pressure mass matrix is no stand-in for the Schur complement.
+    # With inertia the pressure mass matrix is no stand-in for the Schur complement, and loading
+    # leaves a pattern of 4 % of I0 that the mode has to outgrow.
     cases += [("with inertia", ("-pgran_inertia", "true"),
-               {"step": 1e-3, "end": 0.07, "solver": "direct"})]
+               {"step": 1e-3, "end": 0.07, "solver": "direct", "window": (0.05, 0.15)})]
     for name, more, how in cases:
         found, time = measured(directory / (name.replace(" ", "").replace(",", "_") + ".h5"),
                                *base, *more, **how)
