@@ -17,7 +17,7 @@ stress of the step before is undisturbed).
 ``-mode`` writes the fastest mode of the last step as a result file with a picture: on a shape
 displaced by at most `SHOWN`, the fields ``displacement`` (d), ``velocity`` (d gdot0), ``fluidity``
 and ``pressure`` of a disturbance whose largest displacement is 1 d.
-Below these stands what the creep of a column says (`column_growth_rate`).
+The last line is the growth rate of a column that creeps (`column_growth_rate`).
 ``-json`` prints a list of the step and its rates as [real, imaginary]. A good run
 prints growth rates that agree between the steps. Units of gdot0.
 """
@@ -229,6 +229,8 @@ def run(settings, comm):
         steps = [0.0]
     if min(steps) <= 0.0:
         raise OptionError(f"-dt {own['dt']}: allowed is a list of numbers > 0")
+    if own.get("mode") == "":
+        raise OptionError("-mode: allowed is the name of a file")
     form = discretise(Settings(**{**vars(settings), "imperfection": 1.0}), comm)
     rows = []
     for dt in steps:
