@@ -16,6 +16,8 @@ import h5py
 import numpy as np
 from launch import RANKS, complete, python
 
+from pgran.options import written
+
 ELEMENTS, STEP, SEED = 16, 2e-5, 1e-3
 #: Shear moduli: almost rigid for the growth, softer where points fall below yield; |sigma_1|.
 RIGID, SOFT = 1e8, 1e5
@@ -28,8 +30,7 @@ def eigenmode(path, elements):
     python(RANKS, "-m", "pgran.eigen", "-options_file", "options/eigen.opts", "-eps_nev", 2,
            "-refinement", elements, "-pgran_cell_elements", elements, "-pgran_output", path)
     with h5py.File(path) as file:
-        settings = dict(line[1:].split(" ", 1) for line in file.attrs["options"].splitlines())
-        return float(file.attrs["growth_rate"]), settings
+        return float(file.attrs["growth_rate"]), written(file.attrs["options"])
 
 
 def grow(mode, settings, output, end, *more):
@@ -52,8 +53,7 @@ BEYOND = ("-pgran_shear_modulus", SOFT, "-pgran_step_max", 5 * STEP)
 def history(path):
     """Return I0, time and half the range of I over I0 of the steps of a run."""
     with h5py.File(path) as file:
-        settings = dict(line[1:].split(" ", 1) for line in file.attrs["options"].splitlines())
-        I0 = float(settings["pgran_inertial_number"])
+        I0 = float(written(file.attrs["options"])["pgran_inertial_number"])
         time, high, low = (file["history"][name][...] for name in (
             "time", "inertial_number_max", "inertial_number_min"))
     return I0, time, (high - low) / (2.0 * I0)

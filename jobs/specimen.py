@@ -32,10 +32,14 @@ def predicted(*options, steps="5e-4,2.5e-4"):
     return [row["growth_rates"] for row in json.loads(done.stdout)]
 
 
-def column(options, half_waves=None):
-    """Return the growth rate of a column, gdot0, for options as on the command line."""
-    given = {name[1:]: str(value) for name, value in zip(options[::2], options[1::2])}
-    return column_growth_rate(read(given), half_waves)
+def column(options, half_waves=None, stretch=1.0):
+    """Return the growth rate of a column, gdot0, for options as on the command line.
+
+    ``stretch``: how much wider, and shorter, it has become.
+    """
+    settings = read({name[1:]: str(value) for name, value in zip(options[::2], options[1::2])})
+    settings.width, settings.height = settings.width * stretch, settings.height / stretch
+    return column_growth_rate(settings, half_waves)
 
 
 def later(options, time):
@@ -43,12 +47,7 @@ def later(options, time):
 
     Homogeneous flow makes it exp(time/2) wider and as much shorter.
     """
-    def at(stretch):
-        settings = read({name[1:]: str(value) for name, value in zip(options[::2], options[1::2])})
-        settings.width, settings.height = settings.width * stretch, settings.height / stretch
-        return column_growth_rate(settings)
-
-    return at(np.exp(time / 2.0)) / at(1.0)
+    return column(options, stretch=np.exp(time / 2.0)) / column(options)
 
 
 def measured(output, *options, imperfection=0.9999, step=2.5e-4, end=0.02, solver="biaxial",

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from . import measure
-from .options import OptionError
+from .options import OptionError, written
 
 ANGLE, SPACING = 51.0, 24.5  # degrees and d, as the paper draws them
 MESHES = "2", "1", "0.5", "0.25"
@@ -46,8 +46,7 @@ def panels(name, directory):
             continue
         with h5py.File(path) as file:
             group = file["snapshots"][sorted(file["snapshots"])[row]]
-            settings = dict(line[1:].split(" ", 1)
-                            for line in file.attrs["options"].splitlines())
+            settings = written(file.attrs["options"])
             found.append({"letter": letter, "run": run, "x": group["coordinates"][...],
                           "I": group["inertial_number"][...], "band": rows[row],
                           "settings": settings, "cost": dict(file.attrs)})

@@ -184,6 +184,11 @@ class Settings(SimpleNamespace):
                        for option in TABLE if getattr(self, option.name) is not None)
 
 
+def written(text):
+    """Return ``{name: text}`` of the lines that `Settings.text` makes, for `read`."""
+    return dict(line[1:].split(" ", 1) for line in text.splitlines())
+
+
 def _plain(value):
     if isinstance(value, tuple):
         return ",".join(f"{number!r}" for number in value)

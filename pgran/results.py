@@ -15,7 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from . import __version__
-from .options import OptionError, read
+from .options import OptionError, read, written
 from .rheology import material_of
 
 HISTORY = ("time", "compression", "top_stress", "step_size", "newton_iterations",
@@ -228,8 +228,7 @@ def _read_fields(settings, option, number, physics, lattice, comm, names):
             if shape != lattice.shape[::-1]:
                 raise OptionError(f"-pgran_{option} {path}: its {shape[1]} x {shape[0]} nodes are "
                                   f"not the {lattice.shape[0]} x {lattice.shape[1]} of this grid")
-            theirs = read(dict(line[1:].split(" ", 1)
-                               for line in file.attrs["options"].splitlines()))
+            theirs = read(written(file.attrs["options"]))
             for name in physics:
                 if getattr(theirs, name) != getattr(settings, name):
                     raise OptionError(f"-pgran_{name} {getattr(settings, name)}: {path} was made "
