@@ -1,6 +1,7 @@
-# What the jobs share; sourced by them from anywhere. PGRAN_RANKS (2) is the number of ranks. Where
-# PETSc comes from elsewhere, as on a cluster, PGRAN_PYTHON names the Python to use, nothing is set up,
-# and PGRAN_LAUNCH (mpiexec -n PGRAN_RANKS) starts the ranks.
+# What the jobs share; sourced by them from anywhere. Where PETSc comes from elsewhere, as on a
+# cluster, PGRAN_PYTHON names the Python to use, and nothing is set up. PGRAN_RANKS (2) and
+# PGRAN_LAUNCH (mpiexec -n PGRAN_RANKS) say how runs start on ranks.
+# shellcheck shell=bash disable=SC2034
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
@@ -9,20 +10,4 @@ python=${PGRAN_PYTHON:-.venv/bin/python}
 
 set_up() {
     [[ -n ${PGRAN_PYTHON:-} ]] || bash jobs/local.sh setup
-}
-
-finished() {  # finished NAME.h5 FILE.opts: whether that run came to its end, with that file
-    [[ -f $1 && $1 -nt $2 ]] && $python -c 'import h5py, sys
-sys.exit(not h5py.File(sys.argv[1]).attrs.get("complete", False))' "$1"
-}
-
-run() {  # run NAME.h5 FILE.opts OPTIONS...: a whole run, unless it was done before
-    local output=$1 file=$2
-    shift 2
-    if finished "$output" "$file"; then
-        echo "pgran: $output is in place"
-        return
-    fi
-    ${PGRAN_LAUNCH:-mpiexec -n "${PGRAN_RANKS:-2}"} "$python" -m pgran -options_file "$file" \
-        -pgran_output "$output" "$@"
 }

@@ -45,6 +45,7 @@ setup() {
     # Debian keeps petsc4py and slepc4py beside their libraries: tell the venv where.
     local name
     for name in petsc4py slepc4py; do
+        # shellcheck disable=SC2046  # several packages, one word each
         dpkg -L $(dpkg-query -W -f '${Package}\n' "python3-$name-real*") \
             | grep -E "/dist-packages/$name/__init__\.py$" | sed 's|/[^/]*/__init__.py$||'
     done | sort -u > "$(echo .venv/lib/python3*/site-packages)/debian-petsc.pth"
@@ -55,7 +56,7 @@ setup() {
 }
 
 job() {
-    run results/biaxial.h5 options/biaxial.opts
+    "$python" -m pgran.studies launch results/biaxial.h5 options/biaxial.opts
     $python -m pgran.measure results/biaxial.h5
     [[ results/biaxial_0001.png -nt results/biaxial.h5 ]] \
         || $python -m pgran.plot results/biaxial.h5

@@ -1,35 +1,102 @@
-"""The table of every option: name, type, default, unit, bounds, meaning, equation.
+"""Options: what one row of a table is, how a table is read, and the rows that every run has.
 
-The reader, the text of ``-help`` and the table of the documentation are all
-made from `TABLE`. The module imports neither PETSc nor MPI, so the closed-form
-theory can use it too. Lengths are in grain diameters d, stresses in the lateral
-stress |sigma_1|, times in 1/gdot0, the inverse of the target shear rate.
+The rows of a run are `RUN` and those that its case, law and model bring along. The reader, the
+text of ``-help`` and the tables of the documentation are all made from these rows. The module
+needs neither PETSc nor MPI. Lengths are in grain diameters d, stresses in the reference stress of
+the case, and times in 1/gdot0, the inverse of its reference shear rate.
 """
 
 import difflib
+import functools
+import importlib
+import importlib.util
 import math
+import pkgutil
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
 PREFIX = "pgran_"
-#: A case is a file in pgran/cases.
-CASES = tuple(sorted(path.stem for path in (Path(__file__).parent / "cases").glob("*.py")
-                     if path.stem != "__init__"))
 
 
 class OptionError(ValueError):
-    """An option is unknown, malformed, out of bounds, or clashes with another."""
+    """The command line or an options file cannot be read as it stands."""
+
+    def as_option(self):
+        """Return the message."""
+        return str(self)
+
+
+class ParameterError(ValueError):
+    """A parameter is malformed, out of bounds, or contradicts another one.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, without prefix.
+    value : object
+        The value that was given, or None where it is not known.
+    reason : str
+        What is wrong or allowed. It names other parameters as ``@name``.
+    prefix : str
+        What the option's name begins with: ``pgran_``, or nothing for an option of PETSc or of
+        one command.
+    """
+
+    def __init__(self, name, value, reason, prefix=PREFIX):
+        super().__init__(f"{_named(name, value)}: {reason.replace('@', '')}")
+        self.name, self.value, self.reason, self.prefix = name, value, reason, prefix
+
+    def as_option(self):
+        """Return the message with the names that the options have on the command line."""
+        return f"-{self.prefix}{_named(self.name, self.value)}: {_spelled(self.reason)}"
+
+
+class SolutionError(RuntimeError):
+    """A run cannot go on. Its message names parameters as ``@name``, and those of PETSc as ``@@name``.
+    """
+
+    def as_option(self):
+        """Return the message with the names that the options have on the command line."""
+        return _spelled(str(self))
+
+
+def _named(name, value):
+    return name if value is None else f"{name} {value}"
+
+
+def _spelled(text):
+    return text.replace("@@", "-").replace("@", f"-{PREFIX}")
 
 
 @dataclass(frozen=True)
 class Option:
-    """One row of the table.
+    """One row of a table of options.
 
-    ``kind`` is one of float, int, bool, str or ``floats`` (a comma-separated
-    list); ``low`` and ``high`` bound numbers, exclusively where ``open_low`` or
-    ``open_high`` say so; ``length`` fixes the size of a list. A default of None
-    is resolved from other options or means absent, as ``meaning`` tells.
+    Attributes
+    ----------
+    name : str
+        Name without prefix.
+    kind : str
+        float, int, bool, str, flag (a bool that takes no value), floats or ints
+        (comma-separated lists).
+    default : object
+        None where the value is absent, or follows from other options as ``meaning`` tells.
+    unit, meaning, equation : str
+        Documentation.
+    choices : tuple of str
+        The values that are allowed, if only these are.
+    low, high : float
+        Bounds of numbers, exclusive where ``open_low`` or ``open_high`` say so.
+    length : int
+        Size of a list, 0 for any.
+    shared : tuple of str
+        The starts whose file must have been made with the same value: restart, seed.
+    prefix : str
+        What the name on the command line begins with.
+    words : str
+        What is accepted, where the other attributes do not say it.
     """
 
     name: str
@@ -44,18 +111,25 @@ class Option:
     open_low: bool = False
     open_high: bool = False
     length: int = 0
+    shared: tuple = ()
+    prefix: str = PREFIX
+    words: str = ""
 
     @property
     def allowed(self):
         """The values that are accepted, in words."""
+        if self.words:
+            return self.words
         if self.choices:
             return " | ".join(self.choices)
-        if self.kind == "bool":
+        if self.kind in ("bool", "flag"):
             return "true | false"
         if self.kind == "str":
             return "text"
-        noun = {"int": "an integer", "float": "a number"}.get(
-            self.kind, f"{self.length or 'a list of'} numbers")
+        noun = {"int": "an integer", "float": "a number"}.get(self.kind)
+        if noun is None:
+            things = "integers" if self.kind == "ints" else "numbers"
+            noun = f"{self.length or 'a list of'} {things}"
         bounds = []
         if self.low > -math.inf:
             bounds.append(f"{'>' if self.open_low else '>='} {self.low:g}")
@@ -63,216 +137,329 @@ class Option:
             bounds.append(f"{'<' if self.open_high else '<='} {self.high:g}")
         return " ".join([noun, " and ".join(bounds)]).strip()
 
-    def refuse(self, value):
-        """Raise the `OptionError` of a value that is not allowed."""
-        raise OptionError(f"-{PREFIX}{self.name} {value}: allowed is {self.allowed}")
+    def refuse(self, value, reason=None):
+        """Raise the `ParameterError` of a value that is not allowed."""
+        raise ParameterError(self.name, value, reason or f"allowed is {self.allowed}", self.prefix)
 
     def parse(self, text):
-        """Return the value of ``text``, checked against type and bounds."""
-        if text is None:
-            return None
+        """Return the value of ``text``, checked against kind and bounds.
+
+        Raises
+        ------
+        ParameterError
+            If the text is not a value of this option.
+        """
         text = str(text).strip()
         if self.kind == "str":
             if (self.choices and text not in self.choices) or not text:
                 self.refuse(text)
             return text
-        if self.kind == "bool":
+        if self.kind in ("bool", "flag"):
             meaning = {"true": True, "1": True, "yes": True, "on": True, "": True,
                        "false": False, "0": False, "no": False, "off": False}
             if text.lower() not in meaning:
                 self.refuse(text)
             return meaning[text.lower()]
+        number = int if self.kind in ("int", "ints") else float
         try:
-            if self.kind == "int":
-                numbers = (int(text),)
-            elif self.kind == "float":
-                numbers = (float(text),)
-            else:
-                numbers = tuple(float(part) for part in text.split(","))
+            numbers = tuple(number(part) for part in (
+                text.split(",") if self.kind in ("floats", "ints") else [text]))
         except ValueError:
             self.refuse(text)
-        for number in numbers:
-            if (not math.isfinite(number) or number < self.low or number > self.high
-                    or (self.open_low and number <= self.low)
-                    or (self.open_high and number >= self.high)):
-                self.refuse(text)
+        if not all(self._within(number) for number in numbers):
+            self.refuse(text)
         if self.length and len(numbers) != self.length:
             self.refuse(text)
-        return numbers if self.kind == "floats" else numbers[0]
+        return numbers if self.kind in ("floats", "ints") else numbers[0]
+
+    def _within(self, number):
+        return (math.isfinite(number) and self.low <= number <= self.high
+                and not (self.open_low and number == self.low)
+                and not (self.open_high and number == self.high))
 
 
-def _positive(name, default, unit, meaning, equation="", **more):
+def positive(name, default, unit, meaning, equation="", **more):
+    """Return the row of a number greater than zero."""
     return Option(name, "float", default, unit, meaning, equation, low=0.0, open_low=True, **more)
 
 
-TABLE = (
-    Option("case", "str", "biaxial", "", "the problem: domain, boundary conditions, start",
-           choices=CASES),
-    Option("model", "str", "ngf", "", "rheology: non-local granular fluidity, local inertial, "
-           "or inertial-number gradient (linear theory only)", "(2.3)-(2.8), (1.1), (5.1)",
-           choices=("ngf", "li", "ig")),
-    Option("law", "str", "bingham", "", "the local law mu_loc(I)", "(1.2), (1.3)",
-           choices=("bingham", "jop")),
-    _positive("mu_s", 0.3819, "", "static yield value of the stress ratio", "(1.2), (1.3)"),
-    _positive("mu_2", 0.6435, "", "limit of the stress ratio (jop)", "(1.3)"),
-    _positive("b", 0.9377, "", "slope of mu_loc at I = 0", "(1.2), (1.3)"),
-    _positive("A", 0.48, "", "non-local amplitude", "(2.8)"),
-    Option("phi", "float", 0.6, "", "solid volume fraction, for inertia alone", "(2.2)",
-           low=0.0, high=1.0, open_low=True),
-    _positive("inertial_number", 0.001, "", "target inertial number I0; it sets the plate speed",
-              "(1.1)"),
-    _positive("width", 40.0, "d", "width L of the specimen or cell"),
-    _positive("height", None, "d", "height H of the specimen or cell; three widths unless given"),
-    _positive("element_size", 2.0, "d", "side of an element; it divides width and height"),
-    Option("cell_elements", "int", 16, "", "elements each way of the periodic cell", low=1),
-    _positive("shear_modulus", 1000.0, "|sigma_1|", "elastic shear modulus G of the stiff Maxwell "
-              "element", "D = sigma'/(2 eta) + (d sigma'/dt)/(2 G)"),
+def parts_of(path):
+    """Return the names of the modules in a package's path, (n,) strings, and how to name others."""
+    names = sorted(module.name for module in pkgutil.iter_modules(path)
+                   if not module.name.startswith("_"))
+    return *names, "package.module:Class", "path/to/file.py:Class"
+
+
+def _part(name, default, folder, meaning, equation=""):
+    """The row that chooses a part of the problem from the modules of a folder."""
+    path = [str(Path(__file__).parent.joinpath(*folder.split(".")))]
+    return Option(name, "str", default, "", meaning, equation, shared=BOTH,
+                  words=" | ".join(parts_of(path)))
+
+
+#: A restart, and a mode that seeds a run, must have been made with the same value.
+BOTH = "restart", "seed"
+
+#: The rows that every run has.
+RUN = (
+    _part("case", "biaxial", "cases", "the flow: domain, walls, loads, units and start"),
+    _part("model", "ngf", "material.models", "the rheology: ngf is non-local granular fluidity, li "
+          "the local inertial one, ig the inertial-number gradient, which only the linear theory "
+          "knows", "(2.3)-(2.8), (1.1), (5.1)"),
+    _part("law", "bingham", "material.laws", "the local law mu_loc(I)", "(1.2), (1.3)"),
+    Option("phi", "float", 0.6, "", "solid volume fraction; it matters only with inertia", "(2.2)",
+           low=0.0, high=1.0, open_low=True, shared=("seed",)),
+    positive("inertial_number", 1e-3, "", "inertial number I0 of the reference flow; it sets how "
+             "fast the flow is driven", "(1.1)", shared=BOTH),
+    positive("shear_modulus", 1000.0, "stress", "elastic shear modulus G of the stiff Maxwell "
+             "element", "D = sigma'/(2 eta) + (d sigma'/dt)/(2 G)"),
     Option("inertia", "bool", False, "", "keep phi rho_s dv/dt", "(2.2)"),
-    Option("body_force", "floats", (0.0, 0.0), "|sigma_1|/d", "body force b1,b2 per volume",
-           "(2.2)", length=2),
-    Option("imperfection", "float", 0.99, "", "yield value of the central element over mu_s; "
-           "1 leaves it out", low=0.0, open_low=True, high=1.0),
-    _positive("imperfection_size", None, "d", "side of the weak square, whose lower left corner is "
-              "at the centre (biaxial); one element unless given"),
-    Option("imperfection_mirrored", "bool", False, "", "put the weak square to the left of the "
-           "centre instead (biaxial)"),
-    Option("plates_slip", "bool", True, "", "let the specimen slip along the plates; otherwise "
-           "both carry it with the v1 of homogeneous flow (biaxial)"),
-    Option("compression", "float", 0.10, "", "where the run ends, 1 - h/H", "h = H exp(D2 t)",
-           low=0.0, high=1.0, open_low=True, open_high=True),
-    Option("snapshots", "floats", None, "", "compressions at which the fields are written, each "
-           "reached exactly; those beyond the end are not, and the end is written always", low=0.0,
-           high=1.0, open_low=True, open_high=True),
+    Option("body_force", "floats", (0.0, 0.0), "stress/d", "body force b1,b2 per volume", "(2.2)",
+           length=2, shared=("restart",)),
     Option("output", "str", "results/pgran.h5", "", "result file; NAME.xdmf is written beside it, "
-           "an earlier file is kept under a numbered name"),
+           "and an earlier file is kept under a numbered name"),
     Option("restart", "str", None, "", "result file whose snapshot gives geometry and fields "
-           "(-ts_type pseudo)"),
-    Option("restart_snapshot", "int", -1, "", "which snapshot of that file; negative counts from "
-           "the end"),
-    Option("seed", "str", None, "", "file of a mode, as pgran.eigen writes it, that is added to "
-           "homogeneous flow to start from"),
-    _positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode"),
-    _positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "
-              "last two states, of the velocity over its departure from homogeneous flow and of "
-              "the stress deviator over mu_s P0; a step that exceeds it twice is repeated "
-              "smaller, but not below a tenth of the time of elastic loading",
-              "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0)"),
-    _positive("step_perturbation", 1e-3, "", "smallest departure from homogeneous flow that "
-              "step_error resolves, over the largest velocity"),
-    _positive("step_first", None, "1/gdot0", "first time step; a tenth of the time of elastic "
-              "loading unless given", "mu_s P0/(10 G)"),
-    _positive("step_max", 0.01, "1/gdot0", "largest time step"),
-    _positive("step_min", 1e-8, "1/gdot0", "smallest time step; the run stops with an error below "
-              "it"),
+           "(only with -ts_type pseudo)"),
+    Option("restart_snapshot", "int", -1, "", "which snapshot of that file; a negative number "
+           "counts from the end"),
+    Option("seed", "str", None, "", "file of a mode, as pgran.eigen writes it; the run starts from "
+           "the reference flow plus this mode"),
+    positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode"),
+    positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "
+             "last two states: that of the velocity is taken relative to its departure from the "
+             "reference flow, that of the stress deviator relative to the yield stress; a step "
+             "that exceeds it twice is repeated smaller, but not below a tenth of the time of "
+             "elastic loading", "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0)"),
+    positive("step_perturbation", 1e-3, "", "smallest departure from the reference flow that "
+             "step_error resolves, relative to the largest velocity"),
+    positive("step_first", None, "1/gdot0", "first time step; a tenth of the time of elastic "
+             "loading unless given", "mu_s P0/(10 G)"),
+    positive("step_max", 0.01, "1/gdot0", "largest time step"),
+    positive("step_min", 1e-8, "1/gdot0", "smallest time step; the run stops with an error below "
+             "it"),
     Option("step_growth", "float", 1.5, "", "largest ratio of successive steps", low=1.0,
            open_low=True),
-    _positive("grain_diameter", None, "m", "d in SI units, for the scales in the result file"),
-    _positive("grain_density", None, "kg/m^3", "rho_s in SI units, for the scales"),
-    _positive("lateral_stress", None, "Pa", "|sigma_1| in SI units, for the scales"),
+    positive("grain_diameter", None, "m", "d in SI units, for the scales in the result file"),
+    positive("grain_density", None, "kg/m^3", "rho_s in SI units, for the scales"),
     Option("progress", "str", "brief", "", "what the terminal shows: every step, some fifty lines "
-           "a run, or nothing but errors", choices=("steps", "brief", "quiet")),
+           "a run, or only errors", choices=("steps", "brief", "quiet")),
 )
-_BY_NAME = {option.name: option for option in TABLE}
 
 
-class Settings(SimpleNamespace):
-    """The resolved options, one attribute for each row of `TABLE`."""
+class Parameters(SimpleNamespace):
+    """The resolved options: one attribute for each row.
+
+    `rows` are the rows themselves, and `part` gives the classes of case, law and model.
+    """
+
+    def __init__(self, rows, parts, **values):
+        super().__init__(_rows=tuple(rows), _parts=dict(parts), **values)
+
+    @property
+    def rows(self):
+        """The rows of the table that these parameters were read by."""
+        return self._rows
+
+    def part(self, name):
+        """Return the class of the case, law or model: ``name`` says which."""
+        return self._parts[name]
+
+    def replace(self, **changes):
+        """Return a copy with some values changed. The changed values are not checked."""
+        values = {row.name: getattr(self, row.name) for row in self._rows}
+        return Parameters(self._rows, self._parts, **{**values, **changes})
 
     def text(self):
-        """Return the options as the lines of an options file."""
-        return "".join(f"-{PREFIX}{option.name} {_plain(getattr(self, option.name))}\n"
-                       for option in TABLE if getattr(self, option.name) is not None)
+        """Return the parameters as the lines of an options file."""
+        return "".join(f"-{row.prefix}{row.name} {plain(getattr(self, row.name))}\n"
+                       for row in self._rows if getattr(self, row.name) is not None)
 
 
-def written(text):
-    """Return ``{name: text}`` of the lines that `Settings.text` makes, for `read`."""
-    return dict(line[1:].split(" ", 1) for line in text.splitlines())
-
-
-def _plain(value):
+def plain(value):
+    """Return a value as it is written in an options file."""
     if isinstance(value, tuple):
         return ",".join(f"{number!r}" for number in value)
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def read(given):
-    """Return the `Settings` for ``given``, a mapping of names to texts.
+def written(text):
+    """Return ``{name: text}`` of the lines that `Parameters.text` makes."""
+    return dict(line[1:].split(" ", 1) for line in text.splitlines())
 
-    Names carry the prefix ``pgran_`` without a dash; others are left to PETSc.
-    Raises `OptionError` for an unknown name, a value out of bounds, or values
-    that contradict each other.
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a problem that one option chooses: a case, a law or a model.
+
+    It is a class that derives from ``base``. The option names it as a module of ``package``, as
+    ``package.module:Class`` or as ``path/to/file.py:Class``.
     """
-    values = {option.name: option.default for option in TABLE}
-    for key, text in given.items():
-        if not key.startswith(PREFIX):
+
+    name: str
+    package: str
+    base: type
+
+    @property
+    def names(self):
+        """The names of those that pgran has, (n,) strings."""
+        return parts_of(importlib.import_module(self.package).__path__)[:-2]
+
+    def load(self, text):
+        """Return the class that ``text`` names.
+
+        Raises
+        ------
+        ParameterError
+            If there is none, or if it lacks what its base class asks for.
+        """
+        def refuse(reason):
+            raise ParameterError(self.name, text, reason)
+
+        target, _, wanted = text.rpartition(":")
+        if not target and text not in self.names:
+            refuse("allowed is " + " | ".join(
+                parts_of(importlib.import_module(self.package).__path__)))
+        try:
+            module = _module(target) if target else importlib.import_module(
+                f"{self.package}.{text}")
+        except Exception as problem:  # a user's file may fail in any way
+            refuse(f"{target} cannot be imported: {type(problem).__name__}: "
+                   f"{str(problem).splitlines()[0] if str(problem) else 'no reason given'}")
+        own = {name: value for name, value in vars(module).items()
+               if isinstance(value, type) and issubclass(value, self.base)
+               and value.__module__ == module.__name__}
+        found = getattr(module, wanted, None) if target else next(iter(own.values()))
+        if found is None:
+            refuse(f"{target} has no class {wanted}; it has {', '.join(own) or 'none'}")
+        if not (isinstance(found, type) and issubclass(found, self.base)):
+            refuse(f"{wanted} is not a subclass of {self.base.__module__}.{self.base.__name__}")
+        if missing := sorted(found.__abstractmethods__):
+            refuse(f"{wanted} misses {', '.join(missing)}")
+        if not all(isinstance(row, Option) for row in found.rows):
+            refuse(f"rows of {wanted} must be a tuple of pgran.options.Option")
+        return found
+
+
+@functools.cache
+def _module(target):
+    """Import a module by its dotted name, or from a file."""
+    if not target.endswith(".py"):
+        return importlib.import_module(target)
+    path = Path(target)
+    if not path.is_file():
+        raise FileNotFoundError("there is no such file")
+    name = f"pgran_user_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # so that dataclasses in the file find their module
+    spec.loader.exec_module(module)
+    return module
+
+
+def table(parts):
+    """Return the rows of a run with these parts, ``{name: Option}``.
+
+    A row of a case, law or model takes the place of the row of `RUN` that has its name.
+    """
+    rows = {row.name: row for row in RUN}
+    for part in parts.values():
+        rows.update((row.name, row) for row in part.rows)
+    return rows
+
+
+def read(given, kinds, stored=False):
+    """Return the resolved `Parameters`.
+
+    Parameters
+    ----------
+    given : dict
+        Texts by name. Names carry the prefix ``pgran_``; others are left to PETSc.
+    kinds : iterable of Part
+        Case, law and model. `pgran.cases.read` passes these.
+    stored : bool
+        Whether the options come from a result file: options of other parts are then left out.
+
+    Raises
+    ------
+    OptionError
+        If a name is unknown, or belongs to another case, law or model.
+    ParameterError
+        If a value is not allowed, or contradicts another one.
+    """
+    texts = {key[len(PREFIX):]: "" if text is None else text for key, text in given.items()
+             if key.startswith(PREFIX)}
+    defaults = {row.name: row.default for row in RUN}
+    parts = {kind.name: kind.load(texts.get(kind.name, defaults[kind.name])) for kind in kinds}
+    rows = table(parts)
+    values = {name: row.default for name, row in rows.items()}
+    for name, text in texts.items():
+        if name in rows:
+            values[name] = rows[name].parse(text)
             continue
-        name = key[len(PREFIX):]
-        if name not in _BY_NAME:
-            near = difflib.get_close_matches(name, _BY_NAME, n=3)
-            hint = "did you mean " + " or ".join(f"-{PREFIX}{n}" for n in near) + "?" \
-                if near else "-help lists the options"
-            raise OptionError(f"-{key} {text}: no such option; {hint}")
-        values[name] = _BY_NAME[name].parse("" if text is None else text)
-    settings = Settings(**values)
-    _resolve(settings)
-    return settings
+        owners = _owners(name, kinds)
+        if not owners:
+            raise OptionError(f"-{PREFIX}{name} {text}: no such option; {hint(name, rows)}")
+        if not stored:
+            raise OptionError(f"-{PREFIX}{name} {text}: this option belongs to {' and '.join(owners)}, "
+                              "which this run does not use")
+    parameters = Parameters(rows.values(), parts, **values)
+    for part in parts.values():
+        part.resolve(parameters, {name for name in texts if name in rows})
+    if parameters.step_first and parameters.step_first < parameters.step_min:
+        raise ParameterError("step_first", parameters.step_first,
+                             f"must not lie below @step_min {parameters.step_min}")
+    if parameters.step_min >= parameters.step_max:
+        raise ParameterError("step_min", parameters.step_min,
+                             f"must lie below @step_max {parameters.step_max}")
+    return parameters
 
 
-def _resolve(settings):
-    """Fill in the defaults that depend on other options and check what spans several."""
-    if settings.height is None:
-        settings.height = 3.0 * settings.width
-    if settings.law == "jop" and settings.mu_2 <= settings.mu_s:
-        raise OptionError(f"-pgran_mu_2 {settings.mu_2}: must exceed "
-                          f"-pgran_mu_s {settings.mu_s} with -pgran_law jop")
-    reached = {c for c in settings.snapshots or () if c < settings.compression}
-    settings.snapshots = (*sorted(reached), settings.compression)
-    if settings.step_first and settings.step_first < settings.step_min:
-        raise OptionError(f"-pgran_step_first {settings.step_first}: must not lie below "
-                          f"-pgran_step_min {settings.step_min}")
-    if settings.step_min >= settings.step_max:
-        raise OptionError(f"-pgran_step_min {settings.step_min}: must lie below "
-                          f"-pgran_step_max {settings.step_max}")
+def _owners(name, kinds):
+    """The parts that have an option, as ``-pgran_case biaxial``."""
+    return [f"-{PREFIX}{kind.name} {part}" for kind in kinds for part in kind.names
+            if any(row.name == name for row in kind.load(part).rows)]
 
 
-def elements_along(name, size, element_size):
-    """Return how many elements of ``element_size`` make ``size``; both in d.
-
-    Raises `OptionError`, naming the option ``name``, where they do not divide.
-    """
-    count = round(size / element_size)
-    if count < 1 or abs(count * element_size - size) > 1e-9 * size:
-        raise OptionError(f"-pgran_{name} {size:g}: must be a whole multiple of "
-                          f"-pgran_element_size {element_size:g}")
-    return count
+def hint(name, known, prefix=PREFIX):
+    """Return what an unknown option may have been meant to be, in words."""
+    near = difflib.get_close_matches(name, list(known), n=3)
+    if not near:
+        return "-help lists the options"
+    return "did you mean " + " or ".join(f"-{prefix}{other}" for other in near) + "?"
 
 
-def help_text():
-    """Return the table as the text that ``-help`` prints."""
+def help_text(rows):
+    """Return rows as the text that ``-help`` prints."""
     lines = []
-    for option in TABLE:
-        default = "none" if option.default is None else _plain(option.default)
-        unit = f" [{option.unit}]" if option.unit else ""
-        equation = f"  {option.equation}" if option.equation else ""
-        lines.append(f"  -{PREFIX}{option.name} <{default}>{unit}: {option.meaning}{equation}\n"
-                     f"      allowed: {option.allowed}")
+    for row in rows:
+        default = "none" if row.default is None else plain(row.default)
+        unit = f" [{row.unit}]" if row.unit else ""
+        equation = f"  {row.equation}" if row.equation else ""
+        lines.append(f"  -{row.prefix}{row.name} <{default}>{unit}: {row.meaning}{equation}\n"
+                     f"      allowed: {row.allowed}")
     return "\n".join(lines)
 
 
-def markdown_table():
-    """Return the table in Markdown, as the README shows it."""
+def markdown_table(rows):
+    """Return rows as a table in Markdown."""
     def cell(text):
         return str(text).replace("|", "\\|")
 
-    rows = ["| option | default | unit | allowed | meaning | equation |",
-            "|---|---|---|---|---|---|"]
-    for option in TABLE:
-        default = "" if option.default is None else _plain(option.default)
-        rows.append("| " + " | ".join(cell(text) for text in (
-            f"`-{PREFIX}{option.name}`", default, option.unit, option.allowed,
-            option.meaning, option.equation)) + " |")
-    return "\n".join(rows) + "\n"
+    lines = ["| option | default | unit | allowed | meaning | equation |",
+             "|---|---|---|---|---|---|"]
+    for row in rows:
+        default = "" if row.default is None else plain(row.default)
+        lines.append("| " + " | ".join(cell(text) for text in (
+            f"`-{row.prefix}{row.name}`", default, row.unit, row.allowed, row.meaning,
+            row.equation)) + " |")
+    return "\n".join(lines) + "\n"
 
 
-if __name__ == "__main__":
-    print(markdown_table(), end="")
+def markdown(kinds):
+    """Return all tables in Markdown: every run's, and those of each case, law and model."""
+    titles = {"case": "Case", "law": "Law", "model": "Model"}
+    parts = [("Every run", RUN)] + [
+        (f"{titles[kind.name]} `{name}`", kind.load(name).rows)
+        for kind in kinds for name in kind.names]
+    return "\n".join(f"## {title}\n\n{markdown_table(rows) if rows else 'No options of its own.'}"
+                     for title, rows in parts).rstrip("\n") + "\n"

@@ -1,99 +1,28 @@
-"""Draw a result file: python -m pgran.plot NAME.h5
+"""Draw result files: python -m pgran.plot NAME.h5 ...
 
-Writes, beside the file, one picture for each snapshot, NAME_0000.png ..., of the
-inertial number on the deformed shape; one colour scale holds for all of them.
+Writes, beside each file, one picture for each snapshot, NAME_0000.png and so on, of the inertial
+number on the deformed shape. One colour scale holds for all pictures of a file.
 """
 
-import ctypes.util
-import os
 import sys
-from pathlib import Path
 
-import h5py
-import numpy as np
-
-if not os.environ.get("DISPLAY") and ctypes.util.find_library("OSMesa"):
-    # Without a screen VTK tries X first and complains: name the renderer that needs none.
-    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
-import pyvista  # noqa: E402
+from .cli import answer
 
 
-def surface(coordinates, fields):
-    """Return a pyvista grid of nodes ``coordinates`` (ny, nx, 2) with fields {name: (ny, nx)}."""
-    ny, nx = coordinates.shape[:2]
-    grid = pyvista.StructuredGrid()
-    grid.points = np.concatenate([coordinates, np.zeros((ny, nx, 1))], axis=2).reshape(-1, 3)
-    grid.dimensions = nx, ny, 1
-    for name, values in fields.items():
-        grid[name] = np.asarray(values).ravel()
-    return grid
+def run(asked, paths):
+    """Draw the files and print the names of the pictures."""
+    from .output import pictures
 
-
-def draw(path, grid, name, limits, title, bar=""):
-    """Write a picture of the field ``name`` of a plane grid to ``path``, bar at the right."""
-    x0, x1, y0, y1, _, _ = grid.bounds
-    left, right, above = 40, 180, 60  # margins in pixels
-    pixel = max((x1 - x0) / 1200.0, (y1 - y0) / 880.0)
-    size = [int(round((x1 - x0) / pixel)) + left + right, int(round((y1 - y0) / pixel)) + 2 * above]
-    plotter = pyvista.Plotter(off_screen=True, window_size=size)
-    plotter.set_background("white")
-    plotter.add_mesh(grid, scalars=name, clim=limits, cmap="viridis", lighting=False,
-                     scalar_bar_args={"title": bar, "color": "black", "vertical": True,
-                                      "position_x": 1.0 - 0.85 * right / size[0],
-                                      "position_y": 0.25, "height": 0.5, "width": 40 / size[0],
-                                      "fmt": "%.1e", "n_labels": 5, "title_font_size": 22,
-                                      "label_font_size": 16})
-    plotter.add_text(title, position="upper_edge", font_size=10, color="black")
-    plotter.view_xy()
-    plotter.enable_parallel_projection()
-    centre = x0 + (size[0] / 2.0 - left) * pixel, (y0 + y1) / 2.0
-    plotter.camera.focal_point = (*centre, 0.0)
-    plotter.camera.position = (*centre, 1.0)
-    plotter.camera.parallel_scale = size[1] * pixel / 2.0
-    plotter.screenshot(str(path))
-    plotter.close()
-
-
-def field(path, snapshot, name, title):
-    """Draw a scalar field of a snapshot beside the file, NAME.png; return the path."""
-    target = Path(path).with_suffix(".png")
-    with h5py.File(path, "r") as file:
-        group = file["snapshots"][snapshot]
-        grid = surface(group["coordinates"][...], {name: group[name][...]})
-    draw(target, grid, name, (grid[name].min(), grid[name].max()), title, bar=name)
-    return target
-
-
-def pictures(path):
-    """Draw every snapshot of a result file; return the paths of the pictures.
-
-    Raises OSError or KeyError where the file is not one of pgran's.
-    """
-    path, written = Path(path), []
-    with h5py.File(path, "r") as file:
-        snapshots = sorted(file["snapshots"].items())
-        largest = max(group["inertial_number"][...].max() for _, group in snapshots)
-        for name, group in snapshots:
-            target = path.with_name(f"{path.stem}_{name}.png")
-            grid = surface(group["coordinates"][...], {"I": group["inertial_number"][...]})
-            draw(target, grid, "I", (0.0, largest),
-                 f"inertial number at {100 * group.attrs['compression']:.3g} % compression")
-            written.append(target)
-    return written
+    for path in paths:
+        try:
+            print("\n".join(str(picture) for picture in pictures.pictures(path)))
+        except (OSError, KeyError) as problem:
+            raise ValueError(f"not a result file: {problem}") from None
 
 
 def main(arguments):
     """Draw the files named in ``arguments``; return the exit code."""
-    if not arguments or arguments[0].startswith("-"):
-        print(__doc__)
-        return 0 if arguments == ["-help"] else 1
-    try:
-        for path in arguments:
-            print("\n".join(str(picture) for picture in pictures(path)))
-    except (OSError, KeyError, ValueError) as problem:
-        print(f"pgran.plot: error: not a result file: {problem}", file=sys.stderr)
-        return 1
-    return 0
+    return answer(arguments, "plot", run, __doc__, (), operands="NAME.h5")
 
 
 if __name__ == "__main__":

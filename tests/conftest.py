@@ -1,22 +1,21 @@
-"""What the tests share: settings, discretisations, and runs under mpiexec with a time limit."""
+"""What the tests share: discretisations, and runs under mpiexec with a time limit."""
 
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import petsc4py
 
 petsc4py.init(["pgran-tests"])
+from pgran.studies import launch  # noqa: E402
+
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "jobs"))
-import launch  # noqa: E402
 LIMIT = 240.0
 
 
 def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
     """Run ``python arguments`` on ranks, at most ``limit`` seconds; return the finished process."""
-    done = launch.python(ranks, *arguments, timeout=limit, check=False, text=True,
+    done = launch.python(ranks, *arguments, timeout=limit, check=False, text=True, cwd=ROOT,
                          stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     if check and done.returncode:
         raise AssertionError(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
@@ -29,15 +28,33 @@ def pgran(ranks, options_file, output, *arguments, **more):
                      "-pgran_output", output, *arguments, **more)
 
 
+def refused(done, *messages):
+    """Assert that a run ended with one error message that holds ``messages``."""
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert done.stderr.count("error: ") == 1 and "Traceback" not in done.stderr, done.stderr
+    for message in messages:
+        assert message in done.stderr
+
+
+def parameters(**options):
+    """Return the resolved parameters of options given by their names without prefix."""
+    from pgran import cases
+
+    return cases.read({f"pgran_{name}": str(value) for name, value in options.items()})
+
+
 def discretised(**options):
     """Return the `WeakForm` of options given by their names without prefix. Collective."""
     from petsc4py import PETSc
 
-    from pgran.options import read
-    from pgran.weakform import discretise
+    from pgran.space.weakform import discretise
 
-    given = {f"pgran_{name}": str(value) for name, value in options.items()}
-    return discretise(read(given), PETSc.COMM_WORLD)
+    return discretise(parameters(**options), PETSc.COMM_WORLD)
+
+
+def at_rest(form, x, theta, time=0.0, stress=None):
+    """Return the `Increment` on a mesh ``x`` with rates of zero; without old stress unless given."""
+    return form.increment(x, form.no_stress() if stress is None else stress, theta, time)
 
 
 def lattice_noise(lattice, seed):
@@ -53,7 +70,7 @@ def noise(grid, seed):
     return grid.join(np.array(nodes[:2]), nodes[2], lattice_noise(grid.corners, seed + 3))
 
 
-def newton(form, step, local, tolerance=1e-11, most=30):
+def newton(form, increment, local, tolerance=1e-11, most=30):
     """Solve the form's equations by Newton's method with a direct solver; return the unknowns."""
     from petsc4py import PETSc
 
@@ -65,10 +82,10 @@ def newton(form, step, local, tolerance=1e-11, most=30):
     right, update = grid.create_vector(), grid.create_vector()
     zero = np.zeros(grid.n_local)
     for _ in range(most):
-        right.setArray(form.residual(local, zero, step))
+        right.setArray(form.residual(local, zero, increment))
         if right.norm() < tolerance:
             return local
-        form.jacobian(local, 0.0, step, matrix)
+        form.jacobian(local, 0.0, increment, matrix)
         ksp.setOperators(matrix)
         ksp.solve(right, update)
         local = local - grid.to_local(update)

@@ -1,11 +1,11 @@
 """The kernels of `pgran.weakform` once more, one element, point and node after the other.
 
-Slow and plain: what the vectorised ones are held to. For NGF and LI, without inertia.
+Slow and plain: what the vectorised ones are held to. For NGF and LI, without storage.
 """
 
 import numpy as np
 
-from pgran import element, rheology
+from pgran.space import element
 
 
 def shape_functions(x, q):
@@ -15,14 +15,14 @@ def shape_functions(x, q):
     return element.SHAPE[q], np.linalg.solve(map_, slopes), element.WEIGHTS[q] * np.linalg.det(map_)
 
 
-def element_arrays(form, local, step, e):
+def element_arrays(form, local, increment, e):
     """Forces (n,) and tangent (n, n) of element ``e``, unknowns as in ``element_unknowns``."""
     grid, material = form.grid, form.material
     unknowns = grid.element_unknowns[:, e]
     nodal, n = local[unknowns], unknowns.size
-    x = step.x[:, grid.element_nodes[:, e]]
-    law = type(material.law)(**{**vars(material.law), "mu_s": form._yield[e]})
-    base, dim = form.case.base_gradient, 3 if form.nonlocal_ else 2
+    x = increment.x[:, grid.element_nodes[:, e]]
+    law = material.law.weakened(form.case.yield_factor(grid.element_i[[e]], grid.element_j[[e]]))
+    base = form.case.base_gradient
     forces, tangent = np.zeros(n), np.zeros((n, n))
     for q in range(9):
         value, slope, weight = shape_functions(x, q)
@@ -35,49 +35,48 @@ def element_arrays(form, local, step, e):
             B[2, a], B[2, 9 + a] = slope[1, a] / 2.0, slope[0, a] / 2.0
         corners[-4:] = corner
         D = B @ nodal + [base[0, 0], base[1, 1], (base[0, 1] + base[1, 0]) / 2.0]
-        effective = D + step.theta / 2.0 * step.stress[:, q, e]
+        effective = D + increment.theta / 2.0 * increment.stress[:, q, e]
         gdot = np.sqrt(2.0 * (effective[0]**2 + effective[1]**2) + 4.0 * effective[2]**2)
         P = corners @ nodal
         s = material.inverse_time(P)
         trace, twice = np.array([1.0, 1.0, 0.0]), np.array([1.0, 1.0, 2.0])
         direction = 2.0 * effective / gdot if gdot > 0.0 else np.zeros(3)
         gdot_rate = (direction * twice) @ B          # d gdot~ / d unknowns
-        if form.nonlocal_:
-            g, fluidities = np.zeros(n), np.zeros((2, n))
+        g, fluidities = np.zeros(n), np.zeros((2, n))
+        if grid.has_fluidity:
             g[18:27], fluidities[:, 18:27] = value, slope
-            r = rheology.ngf(law, s, gdot, P, g @ nodal, step.theta)
-        else:
-            g = np.zeros(n)
-            r = rheology.li(law, s, gdot, P, step.theta)
-        stress = 2.0 * r.viscosity * effective
-        change = (2.0 * r.viscosity * B + np.outer(2.0 * effective, (
-            r.viscosity_rate * gdot_rate + r.viscosity_pressure * corners
-            + r.viscosity_fluidity * g)))
+        r = material.model.response(law, *(np.array([part]) for part in (s, gdot, P, g @ nodal)),
+                                    increment.theta)
+        viscosity = r.viscosity
+        stress = 2.0 * viscosity.value * effective
+        change = (2.0 * viscosity.value * B + np.outer(2.0 * effective, (
+            viscosity.rate * gdot_rate + viscosity.pressure * corners + viscosity.fluidity * g)))
         forces += weight * (B.T @ (twice * (stress - P * trace)) - corners * (D[0] + D[1]))
         tangent += weight * (B.T @ (twice[:, None] * (change - np.outer(trace, corners)))
                              - np.outer(corners, trace @ B))
-        if dim == 3:
-            forces += weight * (material.A**2 * fluidities.T @ (fluidities @ nodal) + g * r.source)
-            tangent += weight * (material.A**2 * fluidities.T @ fluidities + np.outer(g, (
-                r.source_rate * gdot_rate + r.source_pressure * corners + r.source_fluidity * g)))
+        if grid.has_fluidity:
+            diffusion, source = material.model.diffusion, r.source
+            forces += weight * (diffusion * fluidities.T @ (fluidities @ nodal) + g * source.value)
+            tangent += weight * (diffusion * fluidities.T @ fluidities + np.outer(g, (
+                source.rate * gdot_rate + source.pressure * corners + source.fluidity * g)))
     return forces, tangent
 
 
-def assembled(form, local, step):
+def assembled(form, local, increment):
     """Residual (n_local,) and dense Jacobian (n_local, n_local), complete in owned rows."""
     grid, held = form.grid, form.held
-    given, local = local, np.where(held, step.prescribed, local)
+    given, local = local, np.where(held, increment.prescribed, local)
     forces, tangent = np.zeros(grid.n_local), np.zeros((grid.n_local, grid.n_local))
     for e in range(grid.n_elements):
         unknowns = grid.element_unknowns[:, e]
         with np.errstate(invalid="ignore", divide="ignore"):
-            part, block = element_arrays(form, local, step, e)
+            part, block = element_arrays(form, local, increment, e)
         for a, row in enumerate(unknowns):
             forces[row] += part[a]
             for b, column in enumerate(unknowns):
                 tangent[row, column] += block[a, b]
-    grid.split(forces)[0][:] -= step.load
-    forces[held] = (given - step.prescribed)[held]
+    grid.split(forces)[0][:] -= increment.load
+    forces[held] = (given - increment.prescribed)[held]
     tangent[held], tangent[:, held] = 0.0, 0.0
     tangent[held, held] = 1.0
     return forces, tangent

@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from conftest import run_ranks
 
 from pgran import figures
 
@@ -23,12 +24,33 @@ def test_figures_of_the_theory_come_with_their_numbers(tmp_path, capsys):
     with h5py.File(tmp_path / "fig9.h5") as file:
         same = (file["without_a"][...] > 0.0) == (file["with_a"][...] > 0.0)
         assert np.mean(same) > 0.999
+    # At I0 = 1 convection changes sides: by the eigenvalues of (A 7), and on v.k = 0.
+    rows = {line.rsplit("computed ", 1)[0].strip(): line.rsplit("computed ", 1)[1]
+            for line in text.splitlines() if "change sides at I0 = 1," in line}
+    full, reduced = (next(float(value) for key, value in rows.items() if mark(key))
+                     for mark in (lambda key: "v.k" not in key, lambda key: "v.k" in key))
+    assert full == pytest.approx(15.24, abs=0.01) and reduced == pytest.approx(11.67, abs=0.01)
 
 
-@pytest.mark.parametrize("arguments", [[], ["fig99"]])
-def test_unknown_figures_are_refused(arguments, capsys):
-    assert figures.main(arguments) == 1
-    assert "allowed is fig1 fig2" in capsys.readouterr().err
+def test_unknown_figures_are_refused(capsys):
+    assert figures.main(["fig99"]) == 1
+    assert "fig99: allowed is fig1 fig2" in capsys.readouterr().err
+
+
+def test_figures_take_the_parameters_of_the_paper_whatever_the_defaults_are(tmp_path):
+    """Other defaults in the tables of options change no figure."""
+    code = """
+import dataclasses, sys
+from pgran import options
+from pgran.material import laws
+laws.MU_S = dataclasses.replace(laws.MU_S, default=0.5)
+from pgran import cases
+assert cases.read({}).mu_s == 0.5
+from pgran.figures import main
+sys.exit(main(["fig2", "-output", sys.argv[1]]))
+"""
+    text = run_ranks(0, "-c", code, tmp_path).stdout
+    assert "0.12265" in text
 
 
 def test_a_figure_of_section_4_is_drawn_from_what_is_there(tmp_path, capsys):

@@ -5,11 +5,13 @@ import json
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, run_ranks
+from conftest import ROOT, discretised, parameters, refused, run_ranks
 
-import specimen
-from pgran.growth import column_growth_rate
-from pgran.options import read
+from pgran import cases
+from pgran.options import SolutionError
+from pgran.solve.linearised import LinearisedStep
+from pgran.studies import specimen
+from pgran.theory.specimen import column_growth_rate, growth_rate
 
 SMALL = "-pgran_element_size", 4
 
@@ -46,9 +48,66 @@ def test_a_nonlinear_run_grows_as_the_linearised_step_says(tmp_path):
 
 def test_unknown_parts_of_the_coupling_are_refused():
     done = run_ranks(2, "-m", "pgran.growth", "-without", "mesh", check=False)
-    assert done.returncode == 1
-    assert "-without mesh: allowed is faces | geometry | interior | spin | memory" in done.stderr
+    refused(done, "-without mesh: allowed is faces | geometry | interior | spin | memory")
 
+
+@pytest.mark.parametrize("arguments, message", [
+    (("-wihtout", "faces"), "-wihtout: no such option; did you mean -without?"),
+    (("-dt", "0"), "-dt 0: allowed is a list of numbers > 0"),
+    (("-dt", "nan"), "-dt nan: allowed"),
+    (("-mode", ""), "-mode : allowed is text")])
+def test_bad_input_gets_one_clear_error(arguments, message):
+    refused(run_ranks(2, "-m", "pgran.growth", *SMALL, *arguments, check=False, limit=60), message)
+
+
+def test_an_undisturbed_step_that_does_not_converge_is_no_basis(monkeypatch):
+    monkeypatch.setattr("pgran.solve.linearised.MOST", 1)
+    with pytest.raises(SolutionError, match="undisturbed step of 0.001"):
+        LinearisedStep(discretised(element_size=8, imperfection=1), 1e-3)
+
+
+def test_ranks_leave_the_newton_loop_together():
+    """The change of rank 0 is zero in the second iteration, that of rank 1 is not."""
+    code = """
+import numpy as np, petsc4py
+petsc4py.init()
+from petsc4py import PETSc
+from pgran import cases
+from pgran.space.weakform import discretise
+from pgran.solve.linearised import LinearisedStep
+solve, calls = LinearisedStep._newton, []
+def uneven(self, *arguments):
+    calls.append(1)
+    change = solve(self, *arguments)
+    return 0.0 * change if len(calls) == 2 and PETSc.COMM_WORLD.rank == 0 else change
+LinearisedStep._newton = uneven
+given = {"pgran_element_size": "8", "pgran_imperfection": "1"}
+LinearisedStep(discretise(cases.read(given), PETSc.COMM_WORLD), 1e-3)
+print(len(calls), flush=True)
+"""
+    counts = run_ranks(2, "-c", code, limit=60).stdout.split()
+    assert len(counts) == 2 and counts[0] == counts[1] and int(counts[0]) > 2
+
+
+def test_every_eigenvalue_comes_with_its_residual():
+    done = run_ranks(1, "-m", "pgran.growth", "-options_file", ROOT / "options" / "growth.opts",
+                     *SMALL, "-dt", "1e-3", "-json")
+    row, = json.loads(done.stdout)
+    assert len(row["residuals"]) == len(row["growth_rates"]) > 0
+    assert all(0.0 < residual < 1e-5 for residual in row["residuals"])
+
+
+@pytest.mark.parametrize("options", [{"height": 60}, {"height": 120}, {"inertial_number": 0.03}],
+                         ids=str)
+def test_the_linearised_step_goes_to_the_closed_form(options):
+    from pgran.growth import extrapolated
+
+    steps = 5e-4, 2.5e-4, 1.25e-4
+    given = [text for name, value in options.items() for text in (f"-pgran_{name}", value)]
+    found = rates(1, "-pgran_element_size", 2, "-pgran_shear_modulus", 1e6, "-dt",
+                  ",".join(map(str, steps)), *given)
+    exact = growth_rate(**cases.create(parameters(**options)).specimen)
+    assert extrapolated(steps, [found[dt][0][0] for dt in steps]) == pytest.approx(exact, rel=2e-3)
 
 def test_the_lateral_faces_alone_carry_the_instability():
     whole, faces_alone = (rates(1, "-dt", "5e-4", *more)[5e-4][0][0] for more in (
@@ -62,8 +121,8 @@ def test_the_lateral_faces_alone_carry_the_instability():
 def test_a_slender_specimen_sways_as_a_column_does(options):
     given = [text for name, value in options.items() for text in (f"-pgran_{name}", value)]
     found = rates(1, "-dt", "2.5e-4", *given)[2.5e-4][0][0]
-    settings = read({f"pgran_{name}": str(value) for name, value in options.items()})
-    assert found == pytest.approx(column_growth_rate(settings), rel=0.12)
+    given = cases.create(parameters(**options)).specimen
+    assert found == pytest.approx(column_growth_rate(**given), rel=0.12)
 
 
 def test_modes_of_a_specimen_are_sine_waves_along_it():

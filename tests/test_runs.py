@@ -3,13 +3,14 @@
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, pgran, run_ranks
+from conftest import ROOT, parameters, pgran, refused, run_ranks
 
-import growth
-
-from pgran import measure
-from pgran.options import read
-from pgran.results import HISTORY
+from pgran import cases
+from pgran.cases.biaxial import Biaxial
+from pgran.options import written
+from pgran.output import band
+from pgran.output.results import HISTORY
+from pgran.studies import growth
 
 SMALL = "-pgran_element_size", 4
 #: Linear systems solved by options/biaxial.opts as exactly as MUMPS does.
@@ -41,7 +42,7 @@ def biaxial(tmp_path_factory):
 
 
 def test_main_job_forms_one_band_at_51_degrees(biaxial):
-    rows = measure.measure(biaxial[0])
+    rows = band.measure(biaxial[0])
     assert [round(row["compression"], 9) for row in rows] == [0.05, 0.10]
     for row in rows:
         assert row["localised"] and row["bands"] == 1
@@ -52,9 +53,8 @@ def test_main_job_forms_one_band_at_51_degrees(biaxial):
 def test_result_file_has_the_layout_of_the_readme(biaxial):
     path, _ = biaxial
     with h5py.File(path) as file:
-        settings = read(dict(line[1:].split(" ", 1)
-                             for line in file.attrs["options"].splitlines()))
-        assert settings.inertial_number == 0.001 and settings.height == 120.0
+        stored = cases.read(written(file.attrs["options"]))
+        assert stored.inertial_number == 0.001 and stored.height == 120.0
         assert file.attrs["pgran_version"] and file.attrs["petsc_version"]
         assert bool(file.attrs["complete"])
         assert list(file["snapshots"]) == ["0000", "0001"]
@@ -63,7 +63,7 @@ def test_result_file_has_the_layout_of_the_readme(biaxial):
                 name: (121, 41) + ((size,) if size else ()) for name, size in FIELDS.items()}
             assert all(np.isfinite(data[...]).all() for data in group.values())
         history = {name: data[...] for name, data in file["history"].items()}
-    assert set(history) == set(HISTORY)
+    assert set(history) == {*HISTORY, *Biaxial.observables}
     assert len({len(values) for values in history.values()}) == 1
     np.testing.assert_allclose(np.cumsum(history["step_size"]), history["time"], rtol=1e-12)
     np.testing.assert_allclose(history["compression"], 1 - np.exp(-history["time"] / 2), rtol=1e-9)
@@ -131,15 +131,18 @@ def test_both_laws_and_models_follow_the_deformation(tmp_path, law, model, modul
           "-pgran_shear_modulus", modulus, "-pgran_compression", 0.004, "-pgran_snapshots", 0.004)
     _, fields = snapshot(path)
     assert all(np.isfinite(values).all() for values in fields.values())
-    assert fields["inertial_number"].max() == pytest.approx(0.001, rel=2.0)
-    area = measure.node_areas(fields["coordinates"])
+    # NGF is still homogeneous by then; LI has bands, several times as fast as the mean.
+    top = fields["inertial_number"].max() / 0.001
+    assert (1.0 < top < 1.3) if model == "ngf" else (2.0 < top < 12.0)
+    area = band.node_areas(fields["coordinates"])
     assert area.sum() == pytest.approx(40.0 * 120.0, rel=1e-4)  # incompressible
     assert (fields["inertial_number"] * area).sum() / area.sum() == pytest.approx(0.001, rel=0.1)
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
-def test_weak_form_tests_pass_on_ranks(ranks):
-    run_ranks(ranks, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_weakform.py")
+def test_weak_form_and_multigrid_tests_pass_on_ranks(ranks):
+    run_ranks(ranks, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_weakform.py",
+              "tests/test_multigrid.py", "-k", "not tmp_path and not states and not refused")
 
 
 def test_fieldsplit_and_direct_reach_the_same_answer(tmp_path):
@@ -159,7 +162,7 @@ def test_fieldsplit_and_direct_reach_the_same_answer(tmp_path):
 def test_inertial_flow_stays_homogeneous(tmp_path):
     path = tmp_path / "inertial.h5"
     pgran(2, "direct.opts", path, *SMALL, "-pgran_inertial_number", 0.03)
-    row = measure.measure(path)[-1]
+    row = band.measure(path)[-1]
     assert not row["localised"]
     assert 0.98 * 0.03 < row["inertial_number_min"] <= row["inertial_number_max"] < 1.02 * 0.03
 
@@ -172,10 +175,10 @@ def test_steady_flow_satisfies_the_rigid_viscous_equations(biaxial, tmp_path, re
     with h5py.File(path) as file:
         assert file.attrs["steady_residual"] < 1e-8
     assert "rigid-viscous equations (2.9)-(2.11) hold" in done.stdout
-    row, = measure.measure(path)
+    row, = band.measure(path)
     assert row["localised"] == restart
     if restart:
-        assert row["angle"] == pytest.approx(measure.measure(biaxial[0])[0]["angle"], abs=1.0)
+        assert row["angle"] == pytest.approx(band.measure(biaxial[0])[0]["angle"], abs=1.0)
         np.testing.assert_array_equal(snapshot(path)[1]["coordinates"],
                                       snapshot(biaxial[0], 0)[1]["coordinates"])
 
@@ -194,14 +197,14 @@ def test_steady_flow_is_not_claimed_before_it_is_steady(tmp_path):
 def test_steady_flow_is_refused_a_snapshot_of_other_physics(biaxial, tmp_path, option, value):
     done = pgran(3, "steady.opts", tmp_path / "x.h5", "-pgran_restart", biaxial[0],
                  f"-pgran_{option}", value, check=False)
-    assert done.returncode == 1
-    assert f"-pgran_{option} {value}: {biaxial[0]} was made with" in done.stderr
+    refused(done, f"-pgran_{option} {value}: {biaxial[0]} was made with")
 
 
 def test_one_failing_rank_ends_them_all(tmp_path):
     code = """
-import sys
-from pgran import weakform
+import sys, petsc4py
+petsc4py.init(sys.argv)
+from pgran.space import weakform
 from pgran.__main__ import main
 from mpi4py import MPI
 solid = weakform.WeakForm.jacobian
@@ -231,13 +234,12 @@ def test_steady_flow_is_refused_a_snapshot_of_another_grid(biaxial, tmp_path):
 
 
 def test_mesh_motion_is_second_order_in_time(tmp_path):
-    errors, end = [], 1 - np.exp(-0.06)
+    errors = []
     for step in (0.02, 0.01, 0.005):
         path = tmp_path / f"{step}.h5"
-        pgran(0, "direct.opts", path, "-pgran_case", "periodic", "-pgran_cell_elements", 2,
-              "-pgran_imperfection", 1, "-pgran_inertial_number", 0.1, "-pgran_step_first", step,
-              "-pgran_step_max", step, "-pgran_step_error", 10, "-pgran_compression", end,
-              "-pgran_snapshots", end)
+        pgran(0, "periodic.opts", path, "-pgran_cell_elements", 2, "-pgran_imperfection", 1,
+              "-pgran_inertial_number", 0.1, "-pgran_step_first", step, "-pgran_step_max", step,
+              "-pgran_step_error", 10, "-pgran_end_time", 0.12)
         _, fields = snapshot(path)
         start = np.array(np.meshgrid(10.0 * np.arange(4), 30.0 * np.arange(4)))
         exact = np.moveaxis(start, 0, -1) * np.exp([0.06, -0.06])
@@ -297,10 +299,9 @@ def test_scales_are_written_for_si_units(tmp_path):
 @pytest.mark.parametrize("inertia", ["true", "false"])
 def test_periodic_cell_keeps_homogeneous_flow(tmp_path, model, law, inertia):
     path = tmp_path / "cell.h5"
-    pgran(2, "direct.opts", path, "-pgran_case", "periodic", "-pgran_model", model, "-pgran_law",
-          law, "-pgran_inertia", inertia, "-pgran_width", 40, "-pgran_height", 40,
-          "-pgran_cell_elements", 4, "-pgran_imperfection", 1, "-pgran_inertial_number", 0.03,
-          "-pgran_compression", 0.01, "-pgran_snapshots", 0.01)
+    pgran(2, "periodic.opts", path, "-pgran_model", model, "-pgran_law", law, "-pgran_inertia",
+          inertia, "-pgran_width", 40, "-pgran_height", 40, "-pgran_cell_elements", 4,
+          "-pgran_imperfection", 1, "-pgran_inertial_number", 0.03, "-pgran_end_time", 0.02)
     _, fields = snapshot(path)
     np.testing.assert_allclose(fields["inertial_number"], 0.03, rtol=0.02)
     x = fields["coordinates"]
@@ -327,13 +328,18 @@ def test_an_eigenvector_grows_at_its_eigenvalue(tmp_path):
 
 def test_a_seed_of_another_cell_is_refused(tmp_path):
     growth.eigenmode(tmp_path / "mode.h5", 4)
-    done = pgran(2, "direct.opts", tmp_path / "x.h5", "-pgran_case", "periodic", "-pgran_seed",
-                 tmp_path / "mode.h5", "-pgran_cell_elements", 4, check=False)
-    assert done.returncode == 1 and "-pgran_width 40.0:" in done.stderr
+    done = pgran(2, "periodic.opts", tmp_path / "x.h5", "-pgran_seed", tmp_path / "mode.h5",
+                 "-pgran_cell_elements", 4, check=False)
+    refused(done, "-pgran_width 40.0:", "mode.h5 was made with")
+
+
+def test_the_message_about_a_mode_file_names_the_option_of_the_file(tmp_path):
+    done = run_ranks(0, "-m", "pgran.growth", *SMALL, "-mode", "/proc/none/m.h5", check=False)
+    refused(done, "-mode /proc/none/m.h5: ")
 
 
 def test_biaxial_options_are_those_of_the_paper():
-    settings = read({})
-    assert (settings.mu_s, settings.b, settings.A) == (0.3819, 0.9377, 0.48)
-    assert (settings.width, settings.height, settings.imperfection) == (40.0, 120.0, 0.99)
+    p = parameters()
+    assert (p.mu_s, p.b, p.A) == (0.3819, 0.9377, 0.48)
+    assert (p.width, p.height, p.imperfection) == (40.0, 120.0, 0.99)
     assert (ROOT / "options" / "biaxial.opts").exists()

@@ -4,14 +4,17 @@ import json
 
 import numpy as np
 import pytest
-from conftest import run_ranks
+from conftest import ROOT, run_ranks
 
-from pgran import rheology, stability
-from pgran.options import OptionError
-from pgran.stability import BASE_FLOWS, Coefficients
+from pgran import stability
+from pgran.material.laws.barker_gray import BarkerGray
+from pgran.material.laws.bingham import Bingham
+from pgran.material.laws.jop import Jop
+from pgran.theory import turning, waves
+from pgran.theory.waves import BASE_FLOWS, Coefficients
 
-LAWS = {"bingham": rheology.Bingham(0.3819, 0.9377), "jop": rheology.Jop(0.3819, 0.6435, 0.9377)}
-PURE = stability.flow_direction(BASE_FLOWS["pure_shear"])
+LAWS = {"bingham": Bingham(0.3819, 0.9377), "jop": Jop(0.3819, 0.6435, 0.9377)}
+PURE = waves.flow_direction(BASE_FLOWS["pure_shear"])
 
 
 def random_flow(rng, n):
@@ -55,7 +58,7 @@ def unreduced_growth(k, N, coefficients, xi_square=None, convection=0.0, gradien
             C[:n, n] += C[:n, n + 1] * share[n]
         row = (convection * gradient.T @ k - k @ C[:n, :n]) / (k @ C[:n, n])
         A = C[:n, :n] + np.outer(C[:n, n], row)
-        basis = stability.transverse_basis(k)
+        basis = waves.transverse_basis(k)
         return np.linalg.eigvals(basis @ A @ basis.T)
     # Shift and invert turns the infinite eigenvalues of the constraints into zeros.
     shift = 0.37 * square + 1.0
@@ -74,17 +77,17 @@ def test_growth_is_that_of_the_unreduced_equations(model, name, dimension):
     while done < 60:
         I0 = 10.0**rng.uniform(-4, -0.5)
         mu_s, b, rise = rng.uniform(0.2, 0.6), rng.uniform(0.3, 1.2), rng.uniform(0.1, 0.4)
-        law = rheology.Bingham(mu_s, b) if name == "bingham" else rheology.Jop(mu_s, mu_s + rise, b)
+        law = Bingham(mu_s, b) if name == "bingham" else Jop(mu_s, mu_s + rise, b)
         coefficients = Coefficients.of(law, model, I0)
-        N = stability.flow_direction(random_flow(rng, dimension))
+        N = waves.flow_direction(random_flow(rng, dimension))
         k = rng.standard_normal(dimension) * 10.0**rng.uniform(-2, 1)
-        _, denominator = stability.tensor(k, N, *coefficients.r_q(k @ k))
+        _, denominator = waves.tensor(k, N, *coefficients.r_q(k @ k))
         if abs(denominator) < 1e-3:
             continue
         # xi0 in units of A d, from its definition (2.8) rather than from appendix B
         xi_square = 1.0 / law.inverse_length_squared(coefficients.mu)[0]
         expected = unreduced_growth(k, N, coefficients, xi_square)
-        found = stability.growth_rates(k, N, coefficients)
+        found = waves.growth_rates(k, N, coefficients)
         np.testing.assert_allclose(found.real, expected, rtol=1e-9, atol=1e-9 * (k @ k))
         done += 1
 
@@ -96,11 +99,11 @@ def test_convective_growth_is_that_of_the_unreduced_equations(model, dimension):
     for _ in range(40):
         coefficients = Coefficients.of(LAWS["jop"], model, 10.0**rng.uniform(-3, 0))
         gradient = random_flow(rng, dimension)
-        N, k = stability.flow_direction(gradient), rng.standard_normal(dimension)
+        N, k = waves.flow_direction(gradient), rng.standard_normal(dimension)
         number = rng.uniform(0.0, 1.0)
         xi_square = 1.0 / LAWS["jop"].inverse_length_squared(coefficients.mu)[0]
         expected = unreduced_growth(k, N, coefficients, xi_square, number, gradient)
-        found = stability.growth_rates(k, N, coefficients, number, gradient)
+        found = waves.growth_rates(k, N, coefficients, number, gradient)
         scale = np.abs(expected).max()
         for value in expected:
             assert np.abs(found - value).min() < 1e-8 * scale
@@ -111,8 +114,8 @@ def test_pure_shear_form_is_the_tensor():
     for model in ("ngf", "li", "ig"):
         coefficients = Coefficients.of(LAWS["jop"], model, 0.001)
         np.testing.assert_allclose(
-            stability.pure_shear_growth(k[:, 0], k[:, 1], coefficients),
-            stability.growth_rates(k, PURE, coefficients)[:, 0], rtol=1e-9, atol=1e-14)
+            waves.pure_shear_growth(k[:, 0], k[:, 1], coefficients),
+            waves.growth_rates(k, PURE, coefficients)[:, 0], rtol=1e-9, atol=1e-14)
 
 
 @pytest.mark.parametrize("model", ["ngf", "li", "ig"])
@@ -121,30 +124,30 @@ def test_short_waves_approach_the_asymptotic_forms(model):
     k = 1e5 * np.array([0.8, 0.5])
     square = k @ k
     for found, form in zip(coefficients.r_q(square),
-                           stability.asymptotic_r_q(square, coefficients)):
+                           waves.asymptotic_r_q(square, coefficients)):
         assert found == pytest.approx(form, rel=1e-6)
-    A, _ = stability.tensor(k, PURE, *coefficients.r_q(square))
-    np.testing.assert_allclose(A, stability.asymptotic_tensor(k, PURE, coefficients),
+    A, _ = waves.tensor(k, PURE, *coefficients.r_q(square))
+    np.testing.assert_allclose(A, waves.asymptotic_tensor(k, PURE, coefficients),
                                atol=1e-6 * square)
 
 
 def test_quasi_static_numbers_of_the_paper():
     for law in LAWS.values():
         coefficients = Coefficients.of(law, "ngf", 0.0)
-        k_cut = stability.cutoff(coefficients)
+        k_cut = waves.cutoff(coefficients)
         assert k_cut == pytest.approx(0.123, abs=5e-4)
         assert 2.0 * np.pi * 0.48 / k_cut == pytest.approx(24.5, abs=0.1)
-        angles = [stability.direction_angle(m, PURE)
-                  for m in stability.unstable_directions(coefficients)]
+        angles = [waves.direction_angle(m, PURE)
+                  for m in waves.unstable_directions(coefficients)]
         assert sorted(angles) == pytest.approx([33.8, 45.0], abs=0.05)
-        assert stability.direction_angle(stability.fastest(coefficients)[2], PURE) \
+        assert waves.direction_angle(waves.fastest(coefficients)[2], PURE) \
             == pytest.approx(39.3, abs=0.05)
 
 
 def test_fastest_mode_at_0001_of_the_bingham_law():
     coefficients = Coefficients.of(LAWS["bingham"], "ngf", 0.001)
-    assert stability.cutoff(coefficients) == pytest.approx(0.1189, abs=5e-5)
-    k, rate, _ = stability.fastest(coefficients)
+    assert waves.cutoff(coefficients) == pytest.approx(0.1189, abs=5e-5)
+    k, rate, _ = waves.fastest(coefficients)
     assert k == pytest.approx(0.0837, abs=5e-5)
     assert rate == pytest.approx(1.283e-4, rel=5e-4)
 
@@ -153,65 +156,65 @@ def test_fastest_mode_at_0001_of_the_bingham_law():
 @pytest.mark.parametrize("I0", [1e-4, 1e-3, 0.01, 0.012])
 def test_cutoff_and_fastest_mode_are_extrema_over_wave_vectors(name, I0):
     coefficients = Coefficients.of(LAWS[name], "ngf", I0)
-    k_cut, (size, rate, m) = stability.cutoff(coefficients), stability.fastest(coefficients)
+    k_cut, (size, rate, m) = waves.cutoff(coefficients), waves.fastest(coefficients)
     angle = np.radians(np.linspace(0.0, 90.0, 7201))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
     def largest(square_root):
-        return stability.growth_rates(square_root * direction, PURE, coefficients).max()
+        return waves.growth_rates(square_root * direction, PURE, coefficients).max()
 
     assert largest(k_cut * (1.0 - 1e-4)) > 0.0 > largest(k_cut * (1.0 + 1e-4))
-    ridge = [stability._ridge(square, coefficients, 0.0, np.sqrt(0.5))[0]
+    ridge = [waves._ridge(square, coefficients, 0.0, np.sqrt(0.5))[0]
              for square in (k_cut**2 * (1.0 - 1e-8), k_cut**2 * (1.0 + 1e-8))]
     assert ridge[0] > 0.0 > ridge[1]
-    slopes = [stability._ridge_slope(np.square(size) * e, coefficients, 0.0, np.sqrt(0.5))
+    slopes = [waves._ridge_slope(np.square(size) * e, coefficients, 0.0, np.sqrt(0.5))
               for e in (1.0 - 1e-8, 1.0 + 1e-8)]
     assert slopes[0] > 0.0 > slopes[1]
     assert largest(size) == pytest.approx(rate, rel=1e-5)
     for other in (0.99, 1.01):
         assert largest(size * other) < rate
-    best = angle[np.argmax(stability.growth_rates(size * direction, PURE, coefficients))]
-    assert np.degrees(best) == pytest.approx(stability.direction_angle(m, PURE), abs=0.02)
+    best = angle[np.argmax(waves.growth_rates(size * direction, PURE, coefficients))]
+    assert np.degrees(best) == pytest.approx(waves.direction_angle(m, PURE), abs=0.02)
 
 
 def test_extrema_in_three_dimensions_lie_in_the_extreme_principal_plane():
     rng = np.random.default_rng(7)
     coefficients = Coefficients.of(LAWS["bingham"], "ngf", 0.001)
     for _ in range(5):
-        N = stability.flow_direction(random_flow(rng, 3))
-        k_cut = float(stability.cutoff(coefficients, N))
+        N = waves.flow_direction(random_flow(rng, 3))
+        k_cut = float(waves.cutoff(coefficients, N))
         directions = rng.standard_normal((20000, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         if k_cut == 0.0:
-            assert (stability.growth_rates(1e-3 * directions, N, coefficients) <= 1e-12).all()
+            assert (waves.growth_rates(1e-3 * directions, N, coefficients) <= 1e-12).all()
             continue
-        assert (stability.growth_rates(1.001 * k_cut * directions, N, coefficients) < 0.0).all()
-        size, rate, m = (float(part) for part in stability.fastest(coefficients, N))
-        assert stability.growth_rates(size * directions, N, coefficients).max() <= rate
+        assert (waves.growth_rates(1.001 * k_cut * directions, N, coefficients) < 0.0).all()
+        size, rate, m = (float(part) for part in waves.fastest(coefficients, N))
+        assert waves.growth_rates(size * directions, N, coefficients).max() <= rate
         values, vectors = np.linalg.eigh(N)
         weight = (m - values[0]) / (values[-1] - values[0])
         k = size * (np.sqrt(weight) * vectors[:, -1] + np.sqrt(1.0 - weight) * vectors[:, 0])
-        assert stability.growth_rates(k, N, coefficients)[0] == pytest.approx(rate, rel=1e-9)
+        assert waves.growth_rates(k, N, coefficients)[0] == pytest.approx(rate, rel=1e-9)
 
 
 @pytest.mark.parametrize("name, expected", [("bingham", 1), ("jop", 2)])
 def test_critical_inertial_numbers_bound_the_unstable_range(name, expected):
     law = LAWS[name]
-    critical = stability.critical_inertial_numbers(law)
+    critical = waves.critical_inertial_numbers(law)
     assert len(critical) == expected
     for I in critical:
-        below, above = (stability.cutoff(Coefficients.of(law, "ngf", I * (1.0 + e)))
+        below, above = (waves.cutoff(Coefficients.of(law, "ngf", I * (1.0 + e)))
                         for e in (-1e-7, 1e-7))
         assert (below > 0.0) != (above > 0.0)
     # The paper reads 0.0158 for b I0 off its figure.
-    assert 0.9377 * stability.critical_inertial_numbers(LAWS["bingham"])[0] \
+    assert 0.9377 * waves.critical_inertial_numbers(LAWS["bingham"])[0] \
         == pytest.approx(0.0158, rel=0.01)
 
 
 def test_parameter_planes_take_seconds():
     rise, ratio = np.meshgrid(np.linspace(0.01, 0.6, 200), np.geomspace(1e-3, 1e2, 200))
-    law = rheology.Jop(0.3819, 0.3819 + rise, 0.9377)
-    k_cut = stability.cutoff(Coefficients.of(law, "ngf", ratio * law.I_0))
+    law = Jop(0.3819, 0.3819 + rise, 0.9377)
+    k_cut = waves.cutoff(Coefficients.of(law, "ngf", ratio * law.I_0))
     assert k_cut.shape == (200, 200) and np.isfinite(k_cut).all()
     assert (k_cut == 0.0).any() and (k_cut > 0.0).any()
 
@@ -219,7 +222,7 @@ def test_parameter_planes_take_seconds():
 def test_beyond_3_19_the_criteria_say_nothing():
     coefficients = Coefficients.of(LAWS["bingham"], "ngf", np.array([0.5, 1.0]))
     assert (coefficients.mu > 1.0).tolist() == [False, True]
-    for answer in (stability.cutoff(coefficients), stability.fastest(coefficients)[1]):
+    for answer in (waves.cutoff(coefficients), waves.fastest(coefficients)[1]):
         assert np.isnan(answer[1])
 
 
@@ -229,45 +232,45 @@ def test_vanishing_denominators_are_reported_not_computed():
     # it is 1 + q = 0 at |k|^2 = 2 (1 - nu/2 + 1/mu).
     size = np.sqrt(2.0 * (1.0 - coefficients.nu / 2.0 + 1.0 / coefficients.mu))
     k = np.array([[0.0, float(size)], [0.0, 1.1 * float(size)]])
-    rates = stability.growth_rates(k, PURE, coefficients)[:, 0]
+    rates = waves.growth_rates(k, PURE, coefficients)[:, 0]
     assert np.isnan(rates[0]) and np.isfinite(rates[1])
 
 
 def test_convection_changes_little_in_quasi_static_flow():
     gradient = BASE_FLOWS["simple_shear"]
-    N = stability.flow_direction(gradient)
+    N = waves.flow_direction(gradient)
     k = np.array([0.05, 0.06])
     for I0, near in ((0.001, True), (1.0, False)):
         coefficients = Coefficients.of(LAWS["jop"], "ngf", I0)
         number = 0.48**2 * 0.6 * I0**2 / float(coefficients.mu)
-        plain = stability.growth_rates(k, N, coefficients)[0].real
-        full = stability.growth_rates(k, N, coefficients, number, gradient)[0].real
+        plain = waves.growth_rates(k, N, coefficients)[0].real
+        full = waves.growth_rates(k, N, coefficients, number, gradient)[0].real
         assert (abs(full - plain) < 0.02 * abs(plain)) == near
 
 
 def test_amplitude_starts_at_the_growth_rate_and_is_stabilised_by_turning():
     gradient, I0 = BASE_FLOWS["simple_shear"], 0.001
-    N = stability.flow_direction(gradient)
+    N = waves.flow_direction(gradient)
     coefficients = Coefficients.of(LAWS["jop"], "ngf", I0)
     number = 0.48**2 * 0.6 * I0**2 / float(coefficients.mu)
-    size = float(stability.fastest(coefficients)[0])
+    size = float(waves.fastest(coefficients)[0])
     angle = np.radians(45.0 - 39.27)
     k = size * np.array([np.cos(angle), np.sin(angle)])
-    first = stability.growth_rates(k, N, coefficients, number, gradient)[0].real
+    first = waves.growth_rates(k, N, coefficients, number, gradient)[0].real
     assert first > 0.0
     early = 1e-3 / first
-    _, _, logarithm = stability.amplitude(k, N, coefficients, gradient, number, early)
+    _, _, logarithm = turning.amplitude(k, N, coefficients, gradient, number, early)
     assert logarithm[-1] == pytest.approx(1e-3, rel=0.05)
     # Over shear times the wave vector turns away and the perturbation dies (Goddard & Lee 2017).
     end = 1.0 / number
-    time, path, logarithm = stability.amplitude(k, N, coefficients, gradient, number, end)
+    time, path, logarithm = turning.amplitude(k, N, coefficients, gradient, number, end)
     np.testing.assert_allclose(path[-1], [k[0], k[1] - k[0]], rtol=1e-9)
-    peak, when = stability.largest_amplification(k, N, coefficients, gradient, number, end)
+    peak, when = turning.largest_amplification(k, N, coefficients, gradient, number, end)
     assert peak >= logarithm.max() and 5.0 < peak < 50.0 and 0.0 < when < end
     assert logarithm[-1] < -1e3
     # The same maximum whatever the time looked at, as long as it holds it.
     for other in (1.5 * when, 3.0 / number):
-        assert stability.largest_amplification(k, N, coefficients, gradient, number,
+        assert turning.largest_amplification(k, N, coefficients, gradient, number,
                                                other)[0] == pytest.approx(peak, rel=1e-6)
 
 
@@ -277,16 +280,16 @@ def test_amplitude_in_three_dimensions_is_that_in_the_plane():
     number, k = 0.05, np.array([0.3, 0.2])
     wide = np.zeros((3, 3))
     wide[:2, :2] = gradient
-    path = stability.turning_wave_vector(np.append(k, 0.0), wide, number, np.array([10.0]))
+    path = turning.turning_wave_vector(np.append(k, 0.0), wide, number, np.array([10.0]))
     np.testing.assert_allclose(path[0], [k[0] * np.exp(-0.25), k[1] * np.exp(0.25), 0.0])
     # By the classical Runge-Kutta scheme from the same mode.
-    N, k = stability.flow_direction(wide), np.append(k, 0.1)
-    _, _, logarithm = stability.amplitude(k, N, coefficients, wide, number, 10.0)
-    v = stability.modes(k, N, coefficients, number, wide)[1][0].real
+    N, k = waves.flow_direction(wide), np.append(k, 0.1)
+    _, _, logarithm = turning.amplitude(k, N, coefficients, wide, number, 10.0)
+    v = waves.modes(k, N, coefficients, number, wide)[1][0].real
 
     def slope(t, v):
-        turned = stability.turning_wave_vector(k, wide, number, np.array([t]))[0]
-        return stability.tensor(turned, N, *coefficients.r_q(turned @ turned), number,
+        turned = turning.turning_wave_vector(k, wide, number, np.array([t]))[0]
+        return waves.tensor(turned, N, *coefficients.r_q(turned @ turned), number,
                                 wide)[0] @ v
 
     v, h = v / np.linalg.norm(v), 10.0 / 400
@@ -298,22 +301,28 @@ def test_amplitude_in_three_dimensions_is_that_in_the_plane():
         v = v + h / 6 * (a + 2 * b + 2 * c + slope(t + h, v + h * c))
     assert logarithm[-1] == pytest.approx(np.log(np.linalg.norm(v)), abs=1e-7)
     # The perturbation stays transverse.
-    assert abs(v @ stability.turning_wave_vector(k, wide, number, np.array([10.0]))[0]) < 1e-9
+    assert abs(v @ turning.turning_wave_vector(k, wide, number, np.array([10.0]))[0]) < 1e-9
 
 
 @pytest.mark.parametrize("arguments, message", [
     (["-wave_vector", "0,0"], "-wave_vector 0,0"),
     (["-wave_vector", "1"], "-wave_vector 1: allowed is 2 numbers"),
     (["-cutoff", "-base_flow", "1,0,0,1"], "divergence"),
-    (["-cutoff", "-base_flow", "1,0"], "-base_flow 1,0: allowed is 4 or 9 numbers"),
+    (["-cutoff", "-base_flow", "1,0"], "-base_flow 1,0: allowed is pure_shear | "
+     "simple_shear, or 4 or 9 numbers"),
     (["-wave_vector", "1,1", "-amplification", "-end", "0"], "-end 0: allowed is a number > 0"),
     (["-cutoff", "-pgran_mu_s", "0"], "-pgran_mu_s 0: allowed is a number > 0"),
     (["-cutoff", "-pgran_law", "jop", "-pgran_mu_2", "0.2"], "-pgran_mu_2 0.2: must exceed"),
     (["-cutoff", "-pgran_inertial_number", "-1"], "-pgran_inertial_number -1: allowed"),
     (["-cutoff", "-base_flow", "pipe"], "-base_flow pipe: allowed is pure_shear | simple_shear"),
-    (["-cutoff", "-pgran_model", "ig"], "-pgran_model ig"),
+    (["-cutoff", "-pgran_model", "ig"], "the IG model has no bound"),
     (["-cutof"], "-cutof: no such option"),
-    (["-json"], "-wave_vector k1,k2 or -cutoff"),
+    (["-json"], "-wave_vector k1,k2, -cutoff, -posedness or -specimen"),
+    (["-cutoff", "-convection"], "-convection: allowed only with -wave_vector"),
+    (["-cutoff", "-pgran_law", "barker_gray"], "the law BarkerGray has no cooperativity length"),
+    (["-specimen", "-pgran_plates_slip", "false"], "-specimen: the closed form holds for a"),
+    (["-specimen", "-pgran_case", "periodic"], "not for -pgran_case periodic"),
+    (["-specimen", "-parity", "odd"], "-parity odd: allowed is sway | barrel"),
 ])
 def test_bad_command_lines_get_a_clear_error(arguments, message, capsys):
     assert stability.main(arguments) == 1
@@ -321,10 +330,10 @@ def test_bad_command_lines_get_a_clear_error(arguments, message, capsys):
 
 
 def test_base_flows_with_divergence_are_refused():
-    with pytest.raises(OptionError, match="divergence is 1; allowed is 0"):
-        stability.flow_direction(np.diag([1.0, 0.0]))
-    with pytest.raises(OptionError, match="does not deform"):
-        stability.flow_direction(np.array([[0.0, 1.0], [-1.0, 0.0]]))
+    with pytest.raises(ValueError, match="divergence is 1; allowed is 0"):
+        waves.flow_direction(np.diag([1.0, 0.0]))
+    with pytest.raises(ValueError, match="does not deform"):
+        waves.flow_direction(np.array([[0.0, 1.0], [-1.0, 0.0]]))
 
 
 def test_command_answers_in_json():
@@ -350,6 +359,104 @@ def test_command_takes_any_base_flow_and_follows_the_turning_wave_vector(capsys)
     assert stability.main(["-cutoff", "-base_flow", "1,0,0,0,-0.5,0,0,0,-0.5", "-json"]) == 0
     assert json.loads(capsys.readouterr().out)["stress_ratio_limit"] == pytest.approx(
         np.sqrt(3.0) / 2.0)
+
+
+class Stiffer(Bingham):
+    """The Bingham law with half the cooperativity length."""
+
+    def inverse_length_squared(self, mu):
+        return tuple(4.0 * part for part in super().inverse_length_squared(mu))
+
+
+@pytest.mark.parametrize("I0", [0.0, 1e-9, 1e-3])
+def test_theory_uses_the_cooperativity_length_of_the_law(I0):
+    found = [float(waves.cutoff(Coefficients.of(kind(0.3819, 0.9377), "ngf", I0)))
+             for kind in (Bingham, Stiffer)]
+    assert found[1] == pytest.approx(2.0 * found[0], rel=1e-7)
+
+
+def test_spread_is_that_of_appendix_b_down_to_rest():
+    I = np.concatenate([[0.0], np.geomspace(1e-14, 1.0, 60)])
+    for law in LAWS.values():
+        mu, slope = law.stress_ratio(I)
+        np.testing.assert_allclose(Coefficients.of(law, "ngf", I).spread, slope / (law.b * mu),
+                                   rtol=3e-8)
+
+
+def test_a_law_without_yield_value_has_a_theory_of_li():
+    law = BarkerGray(0.3819, 0.6435, 0.279)
+    k = np.array([0.065, 0.053])
+    assert waves.growth_rates(k, PURE, Coefficients.of(law, "li", 1e-3))[0] < 0.0
+    assert waves.growth_rates(k, PURE, Coefficients.of(LAWS["jop"], "li", 1e-3))[0] > 0.0
+    with pytest.raises(ValueError, match="no cooperativity length"):
+        Coefficients.of(law, "ngf", 1e-3)
+
+
+@pytest.mark.parametrize("plane", [(0, 1), (1, 2), (0, 2)])
+def test_fastest_direction_lies_in_the_plane_of_the_flow(plane, capsys):
+    gradient = np.zeros((3, 3))
+    gradient[plane[0], plane[0]], gradient[plane[1], plane[1]] = 0.5, -0.5
+    N = waves.flow_direction(gradient)
+    coefficients = Coefficients.of(LAWS["bingham"], "ngf", 1e-3)
+    size, rate, m = (float(part) for part in waves.fastest(coefficients, N))
+    both = waves.directions(m, N)
+    for direction in both:
+        assert np.linalg.norm(direction[list(plane)]) == pytest.approx(1.0)
+        assert waves.growth_rates(size * direction, N, coefficients)[0] == pytest.approx(rate)
+    angles = np.degrees(np.arccos(np.abs(both[:, 0])))
+    assert waves.direction_angle(m, N) == pytest.approx(angles.min(), abs=1e-6)
+    text = ",".join(str(number) for number in gradient.ravel())
+    assert stability.main(["-cutoff", "-base_flow", text, "-json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    expected = 90.0 if 0 not in plane else 39.268
+    assert answer["fastest_angle"] == pytest.approx(expected, abs=1e-3)
+    np.testing.assert_allclose(np.abs(answer["fastest_directions"]), np.abs(both), atol=1e-12)
+
+
+def test_convective_growth_is_given_in_both_readings(capsys):
+    gradient = BASE_FLOWS["simple_shear"]
+    N, k = waves.flow_direction(gradient), np.array([0.3, 0.5])
+    coefficients = Coefficients.of(LAWS["jop"], "ngf", 1.0)
+    number = 1.0 / float(waves.viscous_rate(coefficients.mu, 0.48, 0.6, 1.0))
+    A, _ = waves.tensor(k, N, *coefficients.r_q(k @ k), number, gradient)
+    n = np.array([k[1], -k[0]]) / np.linalg.norm(k)
+    full, reduced = np.linalg.eigvals(A).real.max(), n @ A @ n
+    assert abs(full - reduced) > 1e-3
+    assert stability.main(["-wave_vector", "0.3,0.5", "-base_flow", "simple_shear", "-convection",
+                           "-pgran_law", "jop", "-pgran_inertial_number", "1", "-json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["growth_rate"] == pytest.approx(full, rel=1e-12)
+    assert answer["growth_rate_incompressible"] == pytest.approx(reduced, rel=1e-12)
+
+
+def test_without_convection_both_readings_differ_by_a_decaying_mode():
+    k = np.array([[0.07, 0.05], [0.3, 0.1]])
+    coefficients = Coefficients.of(LAWS["bingham"], "ngf", 1e-3)
+    found = waves.tensor_growth_rates(k, PURE, coefficients)
+    np.testing.assert_allclose(found[:, 0], waves.growth_rates(k, PURE, coefficients)[:, 0],
+                               rtol=1e-9)
+    np.testing.assert_allclose(found[:, 1], -(k * k).sum(axis=1), rtol=1e-9)
+
+
+def test_posedness_is_told_for_any_law(capsys):
+    example = f"{ROOT / 'docs/examples/power_law.py'}:PowerLaw"
+    for law, well_posed, upper in (("jop", False, 0.852), ("barker_gray", True, 14.9104),
+                                   (example, True, None)):
+        assert stability.main(["-posedness", "-pgran_law", law, "-json",
+                               *(["-pgran_I_0", "0.279"] if law[0] in "jb" else [])]) == 0
+        answer = json.loads(capsys.readouterr().out)
+        assert answer["well_posed"] == well_posed == (answer["C"] < 0.0)
+        if upper:
+            assert answer["ill_posed_ranges"][-1][0] == pytest.approx(upper, rel=1e-3)
+    assert answer["ill_posed_ranges"][0][0] == 0.0  # far below: mu tends to mu_s, its slope to 0
+
+
+def test_specimen_is_answered_by_the_closed_form(capsys):
+    for options, rate in ((["-pgran_height", "120"], 413.17), (["-pgran_height", "60",
+                          "-half_waves", "2", "-parity", "barrel"], 16.495)):
+        assert stability.main(["-specimen", "-json", *options]) == 0
+        answer = json.loads(capsys.readouterr().out)
+        assert answer["growth_rate_gdot0"] == pytest.approx(rate, rel=1e-4)
 
 
 def test_theory_imports_neither_petsc_nor_mpi():

@@ -1,7 +1,7 @@
 """A Newton iteration and its assembly beside compiled code, in one run on the same ranks.
 
-    mpiexec -n 2 python jobs/bench/compiled.py -options_file options/biaxial.opts \
-        -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1
+    mpiexec -n 2 python jobs/bench/compiled.py -options_file options/biaxial.opts \\
+        -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 [-dt 1e-3]
 
 The compiled code is the same weak form written in UFL, compiled by FFCx and assembled by
 dolfinx 0.5 (Debian's python3-dolfinx-real), with a fresh MUMPS factorisation and one
@@ -13,34 +13,31 @@ import sys
 import time
 
 import numpy as np
-from mpi4py import MPI
-from one_step import interpolated, one_step
 
-from pgran.__main__ import start
+from pgran.cli import start
+from pgran.studies.one_step import ROWS
 
 
-def best(action, comm, repeats=5):
+def best(action, ranks, repeats=5):
     """Return the least of the times that ``action`` takes on the slowest rank, in seconds."""
     times = []
     for _ in range(repeats):
-        comm.barrier()
+        ranks.barrier()
         begin = time.perf_counter()
         action()
-        times.append(comm.allreduce(time.perf_counter() - begin, MPI.MAX))
+        times.append(max(ranks.allgather(time.perf_counter() - begin)))
     return min(times)
 
 
-def compiled(settings, ranks):
+def compiled(case, ranks):
     """Return seconds of compiled Jacobian, residual and of a fresh MUMPS solution."""
     import ufl
     from dolfinx import fem, mesh
     from petsc4py import PETSc
 
-    from pgran.rheology import material_of
-
-    material = material_of(settings)
-    nx, ny = (round(size / settings.element_size) for size in (settings.width, settings.height))
-    domain = mesh.create_rectangle(ranks, [[0, 0], [settings.width, settings.height]], [nx, ny],
+    material, (nx, ny) = case.material, case.shape
+    width, height = case.parameters.width, case.parameters.height
+    domain = mesh.create_rectangle(ranks, [[0, 0], [width, height]], [nx, ny],
                                    mesh.CellType.quadrilateral)
     cell = domain.ufl_cell()
     space = fem.FunctionSpace(domain, ufl.MixedElement(
@@ -56,20 +53,20 @@ def compiled(settings, ranks):
     rate = ufl.sym(ufl.grad(v)) + theta / 2 * ufl.as_tensor([[old[0], old[2]], [old[2], old[1]]])
     total = g + theta * P
     mu = ufl.sqrt(2 * ufl.inner(rate, rate)) / total
-    s = ufl.sqrt(P) / material.root_density
+    s = ufl.sqrt(P) / material.inertial_time
     excess = mu - mu_s
     source = abs(excess) * g - ufl.conditional(excess > 0, s * excess**2 / (b * mu), 0.0)
     residual = (ufl.inner(ufl.grad(w), 2 * P / total * rate) - P * ufl.div(w)
-                + material.A**2 * ufl.inner(ufl.grad(h), ufl.grad(g)) + h * source
+                + material.model.A**2 * ufl.inner(ufl.grad(h), ufl.grad(g)) + h * source
                 - q * ufl.div(v)) * dx
     fast = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math"]}
     form = fem.form(residual, jit_params=fast)
     tangent = fem.form(ufl.derivative(residual, u), jit_params=fast)
     u.sub(0).interpolate(lambda x: np.array([x[0] / 2 + 0.1 * np.sin(x[1]), -x[1] / 2]))
-    u.sub(1).interpolate(lambda x: np.full(x.shape[1], material.fluidity))
-    u.sub(2).interpolate(lambda x: np.full(x.shape[1], material.pressure))
+    u.sub(1).interpolate(lambda x: np.full(x.shape[1], case.fluidity))
+    u.sub(2).interpolate(lambda x: np.full(x.shape[1], case.pressure))
     held = []
-    for component, edge in ((1, 0.0), (1, settings.height), (0, None)):
+    for component, edge in ((1, 0.0), (1, height), (0, None)):
         part = space.sub(0).sub(component)
         collapsed, _ = part.collapse()
         dofs = fem.locate_dofs_geometrical((part, collapsed), (
@@ -104,38 +101,37 @@ def compiled(settings, ranks):
     return best(jacobian, ranks), best(forces, ranks), best(solve, ranks, 3)
 
 
-def ours(settings, comm, path, number):
-    """Return seconds of pgran's Jacobian and residual at a state."""
-    from pgran import weakform
-    from pgran.weakform import Step
+def ours(parameters, comm, path, number):
+    """Return the case, and seconds of pgran's Jacobian and residual at a state."""
+    from pgran.space.weakform import discretise
+    from pgran.studies.transfer import interpolated
 
-    form = weakform.discretise(settings, comm)
+    form = discretise(parameters, comm)
     state = interpolated(form, path, number)
-    values = form.prescribed(state.time)
-    step = Step(form, state.x, state.stress, 0.5, values, np.zeros_like(values))
+    increment = form.increment(state.x, state.stress, 0.5, state.time)
     matrix, vector = form.create_matrix(), form.grid.create_vector()
     form.grid.from_local(state.local, vector)
     zero = np.zeros(form.grid.n_local)
     ranks = comm.tompi4py()
-    return (best(lambda: form.jacobian(form.grid.to_local(vector), 0.0, step, matrix), ranks),
-            best(lambda: form.residual(form.grid.to_local(vector), zero, step), ranks))
+    return (form.case,
+            best(lambda: form.jacobian(form.grid.to_local(vector), 0.0, increment, matrix), ranks),
+            best(lambda: form.residual(form.grid.to_local(vector), zero, increment), ranks))
 
 
-def action(settings, comm):
-    from petsc4py import PETSc
+def action(parameters, asked, comm):
+    """Answer the command line. Collective."""
+    from pgran.studies.one_step import one_step
 
-    database, ranks = PETSc.Options(), comm.tompi4py()
-    path, number = database.getString("from"), database.getInt("snapshot", -1)
-    dt = database.getReal("dt", 1e-3)
-    nx, ny = (round(size / settings.element_size) for size in (settings.width, settings.height))
-    theirs = compiled(settings, ranks)
-    mine = ours(settings, comm, path, number)
-    rows = one_step(settings, comm, path, number, dt)["newton"]
+    path, number = getattr(asked, "from"), asked.snapshot
+    case, *mine = ours(parameters, comm, path, number)
+    theirs = compiled(case, comm.tompi4py())
+    rows = one_step(parameters, comm, path, number, asked.dt)["newton"]
     newton = sum(row["seconds"] for row in rows) / len(rows)
     if comm.rank:
         return
-    each = 1e6 / (nx * ny)
-    print(f"element size {settings.element_size:g} d, {nx * ny} elements, {comm.size} ranks")
+    elements = np.prod(case.shape)
+    each = 1e6 / elements
+    print(f"element size {parameters.element_size:g} d, {elements} elements, {comm.size} ranks")
     print(f"{'':34}{'compiled':>10}{'pgran':>10}{'ratio':>8}")
     lines = [("Jacobian, us an element", theirs[0] * each, mine[0] * each),
              ("residual, us an element", theirs[1] * each, mine[1] * each),
@@ -147,4 +143,4 @@ def action(settings, comm):
 
 
 if __name__ == "__main__":
-    sys.exit(start(sys.argv, action))
+    sys.exit(start(sys.argv, action, __doc__, ROWS))

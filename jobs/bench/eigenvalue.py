@@ -1,6 +1,6 @@
 """The fastest mode of the periodic cell beside one factorisation and ten solutions, in one run.
 
-    mpiexec -n 2 python jobs/bench/eigenvalue.py -options_file options/eigen.opts \
+    mpiexec -n 2 python jobs/bench/eigenvalue.py -options_file options/eigen.opts \\
         -pgran_cell_elements 64 -eps_nev 1
 
 Prints seconds of one MUMPS factorisation of the shifted matrix with ten solutions, of the
@@ -10,23 +10,21 @@ eigenvalue solver, and their ratio; and the eigenvalue with its error.
 import sys
 import time
 
-from mpi4py import MPI
-
-from pgran.__main__ import start
+from pgran.cli import start
 
 
-def action(settings, comm):
+def action(parameters, asked, comm):
+    """Answer the command line. Collective."""
+    from mpi4py import MPI
     from petsc4py import PETSc
 
-    from pgran import eigen
-    from pgran.options import Settings
+    from pgran.solve import spectrum
 
-    settings = Settings(**{**vars(settings), "inertia": True, "imperfection": 1.0})
-    k = eigen.fastest(settings)
-    cell = eigen.cell_settings(settings, k)
-    form, J, M = eigen.operators(cell, comm)
-    target, = eigen._targets(cell, {}, k)
-    analytic = float(eigen.theory(cell, k))
+    part, k = parameters.part("case"), spectrum.fastest(parameters)
+    cell = part.with_wave(part.homogeneous(parameters.replace(inertia=True)), k / parameters.A)
+    form, J, M = spectrum.operators(cell, comm)
+    target, = spectrum.targets(cell, k)
+    analytic = float(spectrum.theory(cell, k))
     ranks = comm.tompi4py()
 
     def timed(work):
@@ -51,7 +49,7 @@ def action(settings, comm):
     times = {"one factorisation and ten solutions": [], "the fastest mode": []}
     for _ in range(3):
         times["one factorisation and ten solutions"].append(timed(reference)[0])
-        seconds, pairs = timed(lambda: eigen.eigenpairs(form, J, M, target))
+        seconds, pairs = timed(lambda: spectrum.eigenpairs(form, J, M, target))
         times["the fastest mode"].append(seconds)
     if comm.rank:
         return
@@ -68,4 +66,4 @@ def action(settings, comm):
 
 
 if __name__ == "__main__":
-    sys.exit(start(sys.argv, action, slepc=True))
+    sys.exit(start(sys.argv, action, __doc__, slepc=True))

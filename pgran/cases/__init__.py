@@ -1,78 +1,358 @@
-"""Cases: domain, boundary conditions, start and imperfection; a new case is one new file.
+"""Cases: one file a flow. A case owns its domain, walls, loads, units, start, end and observables.
 
-A case is a class named ``Case`` in a module of this package, named as in
-``-pgran_case``; what it leaves out comes from `BaseCase`.
+A case is a class that derives from `Case`; a new case is one new file, here or anywhere else.
+`read` resolves options, and `create` makes the case that they describe.
 """
 
-import importlib
+from abc import ABC, abstractmethod
+from functools import cached_property
 
 import numpy as np
 
+from .. import options
+from ..material import LAWS, MODELS, Material
+from ..options import BOTH, Option, ParameterError, positive
 
-class BaseCase:
-    """A homogeneous material in free space; the seam between a problem and the solver.
+#: The rows of a case that is counted by time.
+TIME = (
+    positive("end_time", 1.0, "1/gdot0", "where the run ends"),
+    Option("snapshots", "floats", None, "1/gdot0", "times at which the fields are written, each "
+           "reached exactly; times beyond the end are left out, and the end is always written",
+           low=0.0, open_low=True),
+)
 
-    Attributes: ``shape`` = (nx, ny) elements; ``periodic`` = two bools;
-    ``base_gradient`` (2, 2), a velocity gradient that is added to that of the
-    nodal velocity, gdot0; ``side_stresses`` = {side: normal stress}, |sigma_1|,
-    which follows the deformed normal; ``plate``, the side whose mean normal
-    stress is recorded, or None; ``body_force(x)`` returns b (2, ...) of (2.2) at points
-    ``x`` (2, ...), |sigma_1|/d, and ``fluidity_source(x)`` a source (...) of the fluidity
-    equation, for verification; both may be None, which costs nothing.
 
-    Functions of global indices take integer arrays of one shape: ``i, j`` of Q2
-    nodes (two an element), of corners or of elements. Times are in 1/gdot0.
+def pressure(value):
+    """Return the traction of a pressure on the deformed side, for `Case.tractions`."""
+    return lambda x, area: -value * area
+
+
+def traction(vector):
+    """Return a traction (2,) of fixed direction and size, for `Case.tractions`."""
+    return lambda x, area: np.multiply.outer(vector, np.hypot(*area))
+
+
+class Case(ABC):
+    """A flow: the seam between a problem and the solver.
+
+    A subclass must define `shape` and `coordinates`; everything else has a default. Functions of
+    global indices take integer arrays ``i``, ``j`` (n,): of Q2 nodes (two an element), of corners
+    or of elements, counted along x1 and x2 (or along whatever `coordinates` makes of them). On a
+    periodic grid they may lie beyond its ends. Lengths are in d, stresses in the stress unit of
+    the case, times in 1/gdot0.
+
+    Parameters
+    ----------
+    parameters : pgran.options.Parameters
+        The resolved options.
+
+    Attributes
+    ----------
+    rows : tuple of pgran.options.Option
+        The case's own options. A row with the name of a common one takes its place. The rows of
+        `TIME` are added unless the case has a row named snapshots.
+    periodic : tuple of bool
+        Whether the grid closes on itself along i and along j.
+    moving : bool
+        Whether the mesh moves with the material. On a fixed mesh stress turns with the material,
+        but stress and momentum are not carried with the flow: that is exact for flows along which
+        nothing changes.
+    base_gradient : ndarray, (2, 2)
+        A velocity gradient that is added to that of the nodal velocity, gdot0.
+    stress_unit : str
+        What stresses are measured in.
+    fluidity_source : callable or None
+        ``fluidity_source(x)`` returns a source (...) of the fluidity equation at points ``x``
+        (2, ...), for verification. ``body_force`` is of the same kind and returns (2, ...).
+    observables : tuple of str
+        Names of the columns that `observe` adds to the history.
+    counted_by : str
+        What `count` returns; the attribute of a snapshot that says how far the run was.
     """
 
+    rows = ()
     periodic = False, False
+    moving = True
     base_gradient = np.zeros((2, 2))
-    side_stresses = {}
-    plate = None
-    body_force = fluidity_source = None
+    stress_unit = "stress"
+    fluidity_source = None
+    observables = ()
+    counted_by = "time"
 
-    def __init__(self, settings, material):
-        self.settings, self.material = settings, material
-        if any(settings.body_force) and self.body_force is None:
-            self.body_force = lambda x: np.reshape(settings.body_force, (2,) + (1,) * (x.ndim - 1))
+    def __init_subclass__(cls, **more):
+        super().__init_subclass__(**more)
+        if not any(row.name == "snapshots" for row in cls.rows):
+            cls.rows = (*cls.rows, *TIME)
 
+    def __init__(self, parameters):
+        self.parameters = parameters
+        self.law = parameters.part("law").of(parameters)
+
+    # Options
+
+    @classmethod
+    def resolve(cls, parameters, given):
+        """Fill in and check values of ``parameters``; ``given`` holds the names that were set.
+
+        By default the snapshots end with ``end_time``. Raises `pgran.options.ParameterError`.
+        """
+        parameters.snapshots = reached(parameters.snapshots, parameters.end_time)
+
+    @classmethod
+    def homogeneous(cls, parameters):
+        """Return the parameters of the same flow without imperfection, for spectra."""
+        return parameters
+
+    @classmethod
+    def with_wave(cls, parameters, k):
+        """Return the parameters of a cell that holds the wave vector ``k`` (2,), 1/d, or None.
+
+        None says that the case is no such cell, so that no theory of waves holds.
+        """
+        return None
+
+    # Units and reference flow
+
+    @property
+    def inertial_time(self):
+        """sqrt(d^2 rho_s) in sqrt(stress)/gdot0; I0 where stresses are in the reference stress."""
+        return self.parameters.inertial_number
+
+    @property
+    def stress_ratio(self):
+        """mu_loc of the reference flow."""
+        return float(self.law.stress_ratio(np.asarray(self.parameters.inertial_number))[0])
+
+    @property
+    def pressure(self):
+        """Pressure of the reference flow, stress."""
+        return 1.0
+
+    @property
+    def fluidity(self):
+        """Fluidity of the reference flow, gdot0."""
+        return 1.0 / self.stress_ratio
+
+    @cached_property
+    def material(self):
+        """The `pgran.material.Material` in the units of the case."""
+        parameters = self.parameters
+        return Material(self.law, parameters.part("model").of(parameters), self.inertial_time,
+                        self.pressure, self.stress_ratio, parameters.phi,
+                        parameters.shear_modulus)
+
+    @property
+    def stress_scale(self):
+        """The stress unit in Pa, or None where the options do not say it."""
+        return None
+
+    def scales(self):
+        """Return the SI scales that the options determine, {name: value}.
+
+        Length d (m), the stress unit (Pa), and the time 1/gdot0 (s).
+        """
+        d, density = self.parameters.grain_diameter, self.parameters.grain_density
+        found = {}
+        if d:
+            found["scale_length"] = d
+        if self.stress_scale:
+            found["scale_stress"] = self.stress_scale
+        if d and density and self.stress_scale:
+            found["scale_time"] = d * np.sqrt(density / self.stress_scale) / self.inertial_time
+        return found
+
+    @property
+    def specimen(self):
+        """Arguments of `pgran.theory.specimen.growth_rate` for this case, or None.
+
+        None says that the closed form of the specimen does not hold.
+        """
+        return None
+
+    # Mesh
+
+    @property
+    @abstractmethod
+    def shape(self):
+        """Number of elements along i and j, a pair of int."""
+
+    @abstractmethod
     def coordinates(self, i, j):
         """Return the initial coordinates (2, n) of nodes, d."""
-        raise NotImplementedError
 
-    def prescribed(self, time, i, j):
-        """Return prescribed nodal velocities (2, n), not a number where free."""
+    def elements_along(self, name):
+        """Return how many elements of ``element_size`` make the length that a parameter gives.
+
+        Raises `pgran.options.ParameterError` where they do not divide it.
+        """
+        size, side = getattr(self.parameters, name), self.parameters.element_size
+        count = round(size / side)
+        if count < 1 or abs(count * side - size) > 1e-9 * size:
+            raise ParameterError(name, f"{size:g}",
+                                 f"must be a whole multiple of @element_size {side:g}")
+        return count
+
+    # Conditions
+
+    def prescribed_velocity(self, time, i, j):
+        """Return prescribed nodal velocities (2, n), d gdot0; not a number where free."""
         return np.full((2, i.size), np.nan)
 
     def prescribed_fluidity(self, time, i, j):
-        """Return prescribed nodal fluidities (n,), not a number where free."""
+        """Return prescribed nodal fluidities (n,), gdot0; not a number where free."""
         return np.full(i.size, np.nan)
 
     def prescribed_pressure(self, time, i, j):
-        """Return prescribed corner pressures (n,), not a number where free."""
+        """Return prescribed corner pressures (n,), stress; not a number where free."""
         return np.full(i.size, np.nan)
 
-    def start(self, x):
-        """Return the velocity (2, n) from which the run starts, at nodes ``x`` (2, n)."""
-        return np.zeros_like(x)
+    def tractions(self, time):
+        """Return the loads on sides, {side: traction}; sides are left, right, bottom and top.
 
-    def start_pressure(self):
-        """Return the pressure before loading, |sigma_1|."""
-        return 1.0
+        ``traction(x, area)`` returns the force (2, ...) on pieces of the deformed side at points
+        ``x`` (2, ...), whose outward normals times length are ``area`` (2, ...). `pressure` and
+        `traction` make such functions.
+        """
+        return {}
+
+    @property
+    def body_force(self):
+        """A function that returns b (2, ...) of (2.2), stress/d, at points (2, ...), or None."""
+        force = self.parameters.body_force
+        if not any(force):
+            return None
+        return lambda x: np.reshape(force, (2,) + (1,) * (x.ndim - 1))
 
     def yield_factor(self, i, j):
-        """Return mu_s over its nominal value, (n,), for elements."""
+        """Return mu_s of elements over its nominal value, (n,)."""
         return np.ones(i.size)
 
-    def compression(self, time):
-        """Return 1 - h/H of homogeneous compression at |D2| = 1/2, by which runs are counted."""
-        return 1.0 - np.exp(-0.5 * time)
+    # Start
 
-    def time_at(self, compression):
-        """Return the time at which `compression` is reached; its inverse."""
-        return -2.0 * np.log(1.0 - compression)
+    def start(self, x):
+        """Return velocity (2, n), fluidity (n,) and pressure (n,) at rest, at points (2, n).
+
+        The velocity is where Newton's method starts; without fluidity nothing flows yet.
+        """
+        velocity, _, pressure = self.reference(x)
+        return velocity, np.zeros(x.shape[1]), pressure
+
+    def reference(self, x):
+        """Return velocity (2, n), fluidity (n,) and pressure (n,) of the reference flow.
+
+        It is the flow that spectra are taken about, that a seed is added to, from which steady
+        flow is sought, and from which the step control measures departures.
+        """
+        n = x.shape[1]
+        return np.zeros_like(x), np.full(n, self.fluidity), np.full(n, self.pressure)
+
+    # End and observables
+
+    def count(self, time):
+        """Return how far a run is at a time, in what `counted_by` names."""
+        return time
+
+    def time_at(self, count):
+        """Return the time at which a count is reached; the inverse of `count`."""
+        return count
+
+    @property
+    def targets(self):
+        """Times to land on exactly, in increasing order; the last one ends the run."""
+        return [self.time_at(count) for count in self.parameters.snapshots]
+
+    def label(self, time):
+        """Return how far a run is at a time, in words."""
+        return f"time {time:.4g}"
+
+    def observe(self, flow):
+        """Return the `observables` of an accepted step, {name: number}. Collective.
+
+        ``flow`` has ``time``, ``reaction(side)``, the force (2,) on a side in stress times d, and
+        ``extent(side)``, the lengths (2,) of a side along x1 and x2 in d.
+        """
+        return {}
 
 
-def create(settings, material):
-    """Return the case that ``-pgran_case`` names."""
-    module = importlib.import_module(f"{__name__}.{settings.case}")
-    return module.Case(settings, material)
+CASES = options.Part("case", __name__, Case)
+#: The parts of a problem, which bring their own options along.
+KINDS = CASES, LAWS, MODELS
+
+
+def read(given, stored=False):
+    """Return the resolved `pgran.options.Parameters` of a case with its law and model.
+
+    ``given`` and ``stored`` are those of `pgran.options.read`, which says what is raised.
+    """
+    return options.read(given, KINDS, stored)
+
+
+def create(parameters):
+    """Return the case of resolved parameters.
+
+    Raises
+    ------
+    ParameterError
+        If the parameters do not fit together, or a user's case has no valid `Case.shape`.
+    """
+    case = parameters.part("case")(parameters)
+    name, shape = parameters.case, case.shape
+    if not (len(shape) == 2 and all(isinstance(n, (int, np.integer)) and n > 0 for n in shape)):
+        raise ParameterError("case", name, f"its shape is {shape}; allowed are two integers > 0")
+    nodes = np.array([0, 2 * shape[0]]), np.array([0, 2 * shape[1]])
+    if np.shape(case.coordinates(*nodes)) != (2, 2):
+        raise ParameterError("case", name, "its coordinates must be of shape (2, n) for n nodes")
+    return case
+
+
+def reached(counts, end):
+    """Return the counts (n,) at which fields are written: those before the ``end``, and it."""
+    return (*sorted({count for count in counts or () if count < end}), end)
+
+
+class PureShear(Case):
+    """What cases around homogeneous pure shear share: units, reference flow and imperfection.
+
+    The units are those of the specimen of section 4: stresses in |sigma_1|, P0 =
+    1/(1 - mu_loc(I0)), g0 = 1/mu_loc(I0), v = (x1/2, -x2/2), sqrt(d^2 rho_s) = I0 sqrt(P0).
+    """
+
+    stress_unit = "|sigma_1|"
+    SIZE = (positive("width", 40.0, "d", "width L of the specimen or cell", shared=BOTH),
+            positive("height", None, "d", "height H of the specimen or cell; three widths unless "
+                     "given", shared=BOTH),
+            positive("lateral_stress", None, "Pa", "|sigma_1| in SI units, for the scales"))
+
+    def __init__(self, parameters):
+        super().__init__(parameters)
+        if not self.stress_ratio < 1.0:
+            raise ParameterError(
+                "inertial_number", f"{parameters.inertial_number:g}",
+                f"mu_loc(I0) is {self.stress_ratio:.4g}, and plane-strain compression needs it "
+                "below 1 (3.19)")
+
+    @classmethod
+    def resolve(cls, parameters, given):
+        """Make the height three widths unless it is given."""
+        if parameters.height is None:
+            parameters.height = 3.0 * parameters.width
+
+    @classmethod
+    def homogeneous(cls, parameters):
+        """Return the parameters without the weak element."""
+        return parameters.replace(imperfection=1.0)
+
+    @property
+    def inertial_time(self):
+        """sqrt(d^2 rho_s) = I0 sqrt(P0), in sqrt(|sigma_1|)/gdot0."""
+        return self.parameters.inertial_number * np.sqrt(self.pressure)
+
+    @property
+    def pressure(self):
+        """P0, in |sigma_1|."""
+        return 1.0 / (1.0 - self.stress_ratio)
+
+    @property
+    def stress_scale(self):
+        """|sigma_1| in Pa, or None."""
+        return self.parameters.lateral_stress

@@ -1,54 +1,125 @@
 """Plane-strain compression of a rectangular specimen (section 4, figure 3(a)).
 
-The bottom carries v2 = 0, its left corner also v1 = 0; the top moves down at
-v2 = D2 H exp(D2 t) and slides freely; the lateral faces carry the normal stress
-sigma_1 = -1, which follows the deformed normal; the fluidity has no flux through
-any face. The element to the upper right of the centre has a lower yield value; how large
-the weak square is, whether it lies to the left, and whether the plates hold the specimen are
-options.
+The bottom has v2 = 0, and its left corner also v1 = 0. The top moves down at
+v2 = D2 H exp(D2 t) and slides freely. The lateral faces carry the normal stress
+sigma_1 = -1, which follows the deformed normal. The fluidity has no flux through
+any face. The element to the upper right of the centre has a lower yield value. Options say how
+large this weak square is, whether it lies to the left instead, and whether the plates hold the
+specimen.
 """
 
 import numpy as np
 
-from ..options import elements_along
-from . import BaseCase
+from ..options import BOTH, Option, ParameterError, positive
+from . import PureShear, pressure, reached
+
+_RESTART = ("restart",)
 
 
-class Case(BaseCase):
-    """The specimen; raises `OptionError` where elements do not divide width and height."""
+class Biaxial(PureShear):
+    """The specimen between two plates; the run is counted by compression."""
 
-    side_stresses = {"left": -1.0, "right": -1.0}
-    plate = "top"
+    rows = (
+        *PureShear.SIZE,
+        positive("element_size", 2.0, "d", "side of an element; it divides width and height",
+                 shared=_RESTART),
+        Option("imperfection", "float", 0.99, "", "yield value of the weak square over mu_s; 1 "
+               "leaves it out", low=0.0, open_low=True, high=1.0, shared=_RESTART),
+        positive("imperfection_size", None, "d", "side of the weak square, whose lower left corner "
+                 "is at the centre; one element unless given", shared=_RESTART),
+        Option("imperfection_mirrored", "bool", False, "", "put the weak square to the left of the "
+               "centre instead", shared=_RESTART),
+        Option("plates_slip", "bool", True, "", "let the specimen slip along the plates; otherwise "
+               "both plates carry it with the v1 of homogeneous flow", shared=BOTH),
+        Option("compression", "float", 0.10, "", "where the run ends, 1 - h/H", "h = H exp(D2 t)",
+               low=0.0, high=1.0, open_low=True, open_high=True),
+        Option("snapshots", "floats", None, "", "compressions at which the fields are written, "
+               "each reached exactly; those beyond the end are left out, and the end is always "
+               "written", low=0.0, high=1.0, open_low=True, open_high=True),
+    )
+    observables = "compression", "top_stress"
+    counted_by = "compression"
 
-    def __init__(self, settings, material):
-        super().__init__(settings, material)
-        self.shape = tuple(elements_along(name, getattr(settings, name), settings.element_size)
-                           for name in ("width", "height"))
-        self._weak = 1 if settings.imperfection_size is None else elements_along(
-            "imperfection_size", settings.imperfection_size, settings.element_size)
+    def __init__(self, parameters):
+        super().__init__(parameters)
+        self._shape = self.elements_along("width"), self.elements_along("height")
+        self._weak = 1 if parameters.imperfection_size is None else self.elements_along(
+            "imperfection_size")
+
+    @classmethod
+    def resolve(cls, parameters, given):
+        """Fill in the height and the end, and refuse options of a weak square that is left out."""
+        super().resolve(parameters, given)
+        parameters.snapshots = reached(parameters.snapshots, parameters.compression)
+        for name in ("imperfection_size", "imperfection_mirrored"):
+            if parameters.imperfection == 1.0 and name in given and getattr(parameters, name):
+                raise ParameterError(name, getattr(parameters, name),
+                                     "there is no weak square with @imperfection 1")
+
+    @classmethod
+    def homogeneous(cls, parameters):
+        """Return the parameters without the weak square."""
+        return parameters.replace(imperfection=1.0, imperfection_size=None,
+                                  imperfection_mirrored=False)
+
+    @property
+    def specimen(self):
+        """Law, shape and density of the specimen, if the plates let it slip."""
+        p, material = self.parameters, self.material
+        if not p.plates_slip or material.model.theory is None:
+            return None
+        return {"law": self.law, "model": material.model.theory,
+                "inertial_number": p.inertial_number, "width": p.width, "height": p.height,
+                "amplitude": p.A, "density": material.bulk_density if p.inertia else 0.0}
+
+    @property
+    def shape(self):
+        return self._shape
 
     def coordinates(self, i, j):
-        half = self.settings.element_size / 2.0
+        half = self.parameters.element_size / 2.0
         return np.array([i * half, j * half])
 
-    def prescribed(self, time, i, j):
+    def prescribed_velocity(self, time, i, j):
         values = np.full((2, i.size), np.nan)
         values[1, j == 0] = 0.0
         values[0, (i == 0) & (j == 0)] = 0.0
-        if not self.settings.plates_slip:
+        if not self.parameters.plates_slip:
             ends = (j == 0) | (j == 2 * self.shape[1])
             x1 = self.coordinates(i, j)[0, ends]  # of the material, before it moved
             values[0, ends] = 0.5 * x1 * np.exp(0.5 * time)
-        values[1, j == 2 * self.shape[1]] = -0.5 * self.settings.height * np.exp(-0.5 * time)
+        values[1, j == 2 * self.shape[1]] = -0.5 * self.parameters.height * np.exp(-0.5 * time)
         return values
 
+    def tractions(self, time):
+        return {"left": pressure(1.0), "right": pressure(1.0)}
+
     def start(self, x):
-        return np.array([0.5 * x[0], -0.5 * x[1]])
+        velocity, fluidity, pressure = self.reference(x)
+        return velocity, np.zeros_like(fluidity), np.ones_like(pressure)
+
+    def reference(self, x):
+        _, fluidity, pressure = super().reference(x)
+        return np.array([0.5 * x[0], -0.5 * x[1]]), fluidity, pressure
 
     def yield_factor(self, i, j):
         nx, ny = self.shape
-        if self.settings.imperfection_mirrored:
+        if self.parameters.imperfection_mirrored:
             i = nx - 1 - i
         weak = ((nx // 2 <= i) & (i < nx // 2 + self._weak)
                 & (ny // 2 <= j) & (j < ny // 2 + self._weak))
-        return np.where(weak, self.settings.imperfection, 1.0)
+        return np.where(weak, self.parameters.imperfection, 1.0)
+
+    def count(self, time):
+        return 1.0 - np.exp(-0.5 * time)
+
+    def time_at(self, count):
+        return -2.0 * np.log(1.0 - count)
+
+    def label(self, time):
+        return f"{100 * self.count(time):.4g} % compression"
+
+    def observe(self, flow):
+        """Return the compression 1 - h/H, and the mean normal stress on the plate, |sigma_1|."""
+        return {"compression": self.count(flow.time),
+                "top_stress": flow.reaction("top")[1] / flow.extent("top")[0]}

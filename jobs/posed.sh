@@ -1,0 +1,9 @@
+#!/usr/bin/env bash
+# Does figure 7 still depend on the mesh where the law is well-posed?
+#
+#   bash jobs/posed.sh [element sizes: "2 1 0.5"] [compression: 0.01] [directory: results/posed]
+#
+# POSEDCOST
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+set_up
+exec "$python" -m pgran.studies posed "$@"

@@ -1,0 +1,9 @@
+#!/usr/bin/env bash
+# Why the specimen localises: theory of the moving specimen beside nonlinear runs.
+#
+#   bash jobs/specimen.sh [directory: results/specimen]
+#
+# SPECIMENCOST
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+set_up
+exec "$python" -m pgran.studies specimen "$@"

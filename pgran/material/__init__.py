@@ -1,0 +1,64 @@
+"""What the material answers at a point: laws, models and elasticity; numpy alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..options import Part
+from .laws import Law
+from .models import Model
+
+LAWS = Part("law", "pgran.material.laws", Law)
+MODELS = Part("model", "pgran.material.models", Model)
+
+
+@dataclass(frozen=True)
+class Material:
+    """The rheology of a flow in the units of its case.
+
+    Attributes
+    ----------
+    law : pgran.material.laws.Law
+    model : pgran.material.models.Model
+    inertial_time : float
+        sqrt(d^2 rho_s), in sqrt(stress)/gdot0: the grains' inertial time at unit pressure.
+    pressure : float
+        Pressure of the reference flow, stress.
+    stress_ratio : float
+        mu_loc of the reference flow.
+    phi : float
+        Solid volume fraction.
+    G : float
+        Elastic shear modulus, stress.
+    """
+
+    law: object
+    model: object
+    inertial_time: float
+    pressure: float
+    stress_ratio: float
+    phi: float
+    G: float
+
+    @property
+    def yield_stress(self):
+        """mu_s P0, stress; a law without yield value has mu_loc of the reference flow for mu_s."""
+        return (self.law.yield_ratio or self.stress_ratio) * self.pressure
+
+    @property
+    def loading_time(self):
+        """mu_s P0/G, the time of elastic loading from rest to yield, 1/gdot0."""
+        return self.yield_stress / self.G
+
+    def elastic_compliance(self, dt):
+        """Return theta = 1/(G dt), gdot0/stress; 0, rigid, for a step of no length."""
+        return 1.0 / (self.G * dt) if dt > 0.0 else 0.0
+
+    def inverse_time(self, P):
+        """Return s = sqrt(P/(d^2 rho_s)), gdot0, at pressures ``P``."""
+        return np.sqrt(P) / self.inertial_time
+
+    @property
+    def bulk_density(self):
+        """phi rho_s, stress/(d gdot0)^2."""
+        return self.phi * self.inertial_time**2

@@ -1,0 +1,41 @@
+"""The stiff Maxwell element in time: how stress turns, and its rate over a step; numpy alone."""
+
+import numpy as np
+
+#: Components of a plane stress deviator: 11, 22 and 12.
+COMPONENTS = 3
+
+
+def rotated(stress, angle):
+    """Return a stress deviator turned counterclockwise.
+
+    Parameters
+    ----------
+    stress : ndarray, (3, ...)
+        Components 11, 22 and 12.
+    angle : ndarray, (...) or float
+        Angle in rad.
+    """
+    mean, half = (stress[0] + stress[1]) / 2.0, (stress[0] - stress[1]) / 2.0
+    cos, sin = np.cos(2.0 * angle), np.sin(2.0 * angle)
+    turned = half * cos - stress[2] * sin
+    return np.array([mean + turned, mean - turned, half * sin + stress[2] * cos])
+
+
+def stress_rate(dt, stress, earlier_dt=None, earlier=None):
+    """Return the factor f and the stress S of d(sigma')/dt = f (sigma' - S)/dt.
+
+    It is that of BDF2 over the last two steps, or of backward Euler in the first one.
+
+    Parameters
+    ----------
+    dt, earlier_dt : float
+        Size of the step and of the one before it (None in the first step), 1/gdot0.
+    stress, earlier : ndarray, (3, ...)
+        Deviators one and two steps ago, both turned to where the material is now.
+    """
+    if earlier_dt is None:
+        return 1.0, stress
+    ratio = dt / earlier_dt
+    factor = (1.0 + 2.0 * ratio) / (1.0 + ratio)
+    return factor, ((1.0 + ratio) * stress - ratio**2 / (1.0 + ratio) * earlier) / factor

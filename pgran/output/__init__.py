@@ -1,0 +1,1 @@
+"""Output: result files, measurements, pictures, figures and the terminal."""

@@ -1,0 +1,69 @@
+"""What a run says on the terminal, on rank 0."""
+
+import time
+
+from petsc4py import PETSc
+
+from .. import __version__
+
+
+class Terminal:
+    """Reports a run: what is solved, how far it is, and where the results are.
+
+    ``detail`` is 'steps' (a line for each step), 'brief' (a line for each fiftieth of
+    the run or half minute, so that a log file stays short) or 'quiet'.
+    """
+
+    def __init__(self, comm, detail):
+        self.shown = comm.rank == 0 and detail != "quiet"
+        self.detail, self.comm = detail, comm
+        self.start = self.last = time.monotonic()
+        self._mark = None
+
+    def say(self, text):
+        """Print ``text`` on rank 0 unless the run is quiet."""
+        if self.shown:
+            print(text, flush=True)
+
+    def opening(self, form, ts):
+        """Say what is being solved, and with which solver."""
+        grid, snes, parameters = form.grid, ts.getSNES(), form.case.parameters
+        ksp = snes.getKSP()
+        pc = ksp.getPC()
+        solver = pc.getFactorSolverType() if pc.getType() in ("lu", "cholesky") else None
+        unknowns = self.comm.tompi4py().allreduce(grid.n_owned)
+        nx, ny = grid.shape
+        self.say(
+            f"pgran {__version__} on PETSc {'.'.join(map(str, PETSc.Sys.getVersion()))}: "
+            f"{parameters.case}, {parameters.model}, {parameters.law}\n"
+            f"  {unknowns} unknowns, {nx} x {ny} Q2-Q1 elements, {self.comm.size} "
+            f"rank{'s' if self.comm.size > 1 else ''}; I0 = {parameters.inertial_number:g}, "
+            f"G = {parameters.shear_modulus:g} {form.case.stress_unit}\n"
+            f"  TS {ts.getType()}, SNES {snes.getType()}, KSP {ksp.getType()}, "
+            f"PC {pc.getType()}{f' ({solver})' if solver else ''}")
+
+    def step(self, number, done, text, report):
+        """Report an accepted step.
+
+        ``done`` is the share of the run that lies behind, 0 to 1, ``text`` how far it is in words,
+        and ``report`` holds a value for each column of the history.
+        """
+        now = time.monotonic()
+        mark = int(50 * done)
+        if self.detail == "brief" and mark == self._mark and now - self.last < 30.0:
+            return
+        self._mark, self.last = mark, now
+        left = (f"  {(now - self.start) * max(1.0 - done, 0.0) / done:4.0f} s left"
+                if done > 0.0 else "")
+        self.say(f"  {text}  step {number:4d}  dt {report['step_size']:.2e}  "
+                 f"Newton {report['newton_iterations']:2d}  "
+                 f"linear {report['linear_iterations']:4d}  "
+                 f"I {report['inertial_number_min']:.2e} to {report['inertial_number_max']:.2e}"
+                 f"{left}")
+
+    def closing(self, writer, cost):
+        """Say what the run took, as `Driver.cost` and more tell, and where its results are."""
+        self.say(f"  {cost['steps']} steps ({cost['steps_repeated']} repeated smaller), "
+                 f"{cost['newton_iterations']} Newton and {cost['linear_iterations']} linear "
+                 f"iterations, {cost['seconds']:.1f} s, {cost['memory']:.0f} MB\n"
+                 f"  results: {writer.path}, {writer.path.with_suffix('.xdmf')}")

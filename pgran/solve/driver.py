@@ -1,0 +1,264 @@
+"""TS and SNES drive a form through time steps.
+
+With backward Euler each step of TS is a `TimeStep`; `StepController` says how large it is. With
+pseudo-time continuation the mesh is frozen, and the elastic element makes the pseudo-time.
+"""
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..options import OptionError, ParameterError, SolutionError
+from ..space import multigrid
+from .controller import StepController
+from .state import TimeStep, velocity
+
+#: What a callback may raise on all ranks together.
+ERRORS = SolutionError, ParameterError, OptionError
+
+
+class Flow:
+    """An accepted step as a case observes it, see `pgran.cases.Case.observe`.
+
+    Attributes
+    ----------
+    time : float
+        1/gdot0.
+    """
+
+    def __init__(self, form, time, local, rate, increment):
+        self.form, self.time = form, time
+        self._solution = local, rate, increment
+        self._comm = form.grid.comm.tompi4py()
+
+    def reaction(self, side):
+        """Return the force (2,) on a side of the material, stress times d. Collective."""
+        return self._comm.allreduce(self.form.reaction(*self._solution, side))
+
+    def extent(self, side):
+        """Return the lengths (2,) of a side along x1 and x2, d. Collective."""
+        grid = self.form.grid
+        nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
+        x = self._solution[2].x[:, nodes]
+        highest, lowest = np.empty(len(x)), np.empty(len(x))
+        self._comm.Allreduce(x.max(axis=1, initial=-np.inf), highest, MPI.MAX)
+        self._comm.Allreduce(x.min(axis=1, initial=np.inf), lowest, MPI.MIN)
+        return highest - lowest
+
+
+class Driver:
+    """Drives a case through time. Making it, solving and asking for results are collective.
+
+    Parameters
+    ----------
+    form : pgran.space.weakform.WeakForm
+    state : pgran.solve.state.State
+        Where the run starts.
+    observer : callable
+        ``observer(driver, landed, report)`` is called after each accepted step. ``landed`` says
+        whether the step reached a target, and ``report`` holds a value for each column of the
+        history.
+    steady : bool
+        Whether to find the steady flow by pseudo-time instead of following the flow in time.
+    targets : sequence of float, optional
+        Times to land on, 1/gdot0; those of the case unless given.
+
+    Attributes
+    ----------
+    state : pgran.solve.state.State
+        The last accepted state.
+    controller : pgran.solve.controller.StepController
+    rejected : int
+        How many steps were repeated because they departed too far.
+    """
+
+    def __init__(self, form, state, observer, steady=False, targets=None):
+        self.form, self.case, self.grid = form, form.case, form.grid
+        self.parameters, self.state, self.observer = form.case.parameters, state, observer
+        self.steady, self.comm, self.rejected = steady, form.grid.comm.tompi4py(), 0
+        parameters, unresolved = self.parameters, 0.1 * form.material.loading_time
+        targets = form.case.targets if targets is None else targets
+        self.controller = StepController(parameters.step_error, parameters.step_max,
+                                         parameters.step_growth, unresolved,
+                                         [] if steady else targets)
+        self._first_step = parameters.step_first or min(parameters.step_max, unresolved)
+        self._dt = self._step = self._committed = None
+        self._attempts, self._starting = 0, False
+        self._time = 0.0 if steady else state.time
+        self.ts = self._create_ts()
+
+    def _create_ts(self):
+        form = self.form
+        self.matrix, self._residual_vector = form.create_matrix(), self.grid.create_vector()
+        self.schur = None
+        ts = PETSc.TS().create(comm=self.grid.comm)
+        ts.setDM(multigrid.field_shell(form))
+        ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
+        ts.setEquationType(PETSc.TS.EquationType.IMPLICIT)
+        ts.setType(PETSc.TS.Type.BEULER)
+        ts.setIFunction(self._ifunction, self._residual_vector)
+        ts.setIJacobian(self._ijacobian, self.matrix, self.matrix)
+        ts.setPostStep(self._post_step)
+        ts.getSNES().setInitialGuess(self._predict)
+        ts.getSNES().setForceIteration(True)  # a step that needs none has not moved
+        ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
+        ts.setMaxSNESFailures(-1)  # the smallest step ends the repetition of a step
+        ts.setMaxStepRejections(1000)
+        ts.setMaxSteps(10**9)
+        ts.setErrorIfStepFails(False)
+        ts.setTime(self._time)
+        ts.setTimeStep(self._first_step)
+        ts.setFromOptions()
+        self.schur = multigrid.configure(ts.getSNES().getKSP(), form)
+        return ts
+
+    @property
+    def started(self):
+        """Whether a step was accepted."""
+        return self._committed is not None
+
+    # What a step is solved with
+
+    def time_step(self, dt):
+        """Return the `TimeStep` of size ``dt`` from the last accepted state.
+
+        Raises
+        ------
+        SolutionError
+            If failed steps have shrunk below the smallest one.
+        """
+        if self._dt is not None and abs(dt - self._dt) <= 1e-9 * dt:  # equal but for rounding
+            return self._step
+        if 0.0 < dt < self.parameters.step_min:
+            raise SolutionError(f"no step down to @step_min {self.parameters.step_min:g} "
+                                f"converges at time {self.state.time:.6g}")
+        self._attempts += 1
+        self._dt, self._step = dt, TimeStep(self.form, self.state, dt, self.steady)
+        return self._step
+
+    def _increment(self, ts, time):
+        # TS evaluates a step at the time it leads to, and steady residuals at the present one;
+        # but the TSPSEUDO of PETSc 3.26 starts each step's Newton method at the present one too.
+        dt = ts.getTimeStep() if self._starting else time - ts.getTime()
+        self._starting = False
+        return self.time_step(dt).increment
+
+    def _ifunction(self, ts, time, u, rate, f):
+        with PETSc.Log.Stage("Residual"):
+            grid = self.grid
+            local, local_rate = grid.to_local(u), grid.to_local(rate)
+            f.setArray(self.form.residual(local, local_rate, self._increment(ts, time)))
+
+    def _ijacobian(self, ts, time, u, rate, shift, jacobian, preconditioner):
+        with PETSc.Log.Stage("Jacobian"):
+            local, increment = self.grid.to_local(u), self._increment(ts, time)
+            self.form.jacobian(local, shift, increment, preconditioner)
+            if self.schur is not None:
+                self.form.pressure_mass(local, increment, self.schur)
+
+    # Acceptance
+
+    def solve(self):
+        """Run to the end.
+
+        Raises
+        ------
+        SolutionError
+            If no step converges, or no flow becomes steady.
+        """
+        u = self.grid.create_vector()
+        self.grid.from_local(self.state.local, u)
+        if not self.steady:
+            self.ts.setTimeStep(self.controller.start(self.state.time, self.ts.getTimeStep()))
+        try:
+            with PETSc.Log.Stage("Solve"):
+                self.ts.solve(u)
+        except PETSc.Error as error:  # petsc4py 3.26 wraps what a callback raises, 3.18 does not
+            if isinstance(error.__cause__, ERRORS):
+                raise error.__cause__ from None
+            raise
+        reason, reasons = self.ts.getConvergedReason(), PETSc.TS.ConvergedReason
+        if reason < 0:
+            raise SolutionError(f"TS stopped with reason {reason} at time {self._time:.6g}")
+        if self.steady and reason in (reasons.CONVERGED_ITS, reasons.CONVERGED_TIME):
+            raise SolutionError(
+                f"no steady flow within @@ts_max_steps {self.ts.getMaxSteps()}: the residual is "
+                f"{self.steady_residual():.3e} {self.case.stress_unit} d")
+
+    def steady_residual(self):
+        """Return the norm of the rigid-viscous residual (2.9)-(2.11) of the present state."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rows = self.form.residual(self.state.local, np.zeros(self.grid.n_local),
+                                      self.time_step(0.0).increment)
+        return float(np.sqrt(self.comm.allreduce(rows @ rows)))
+
+    def _predict(self, snes, u):
+        """Start Newton's method from the last two states; only from the last after a failure."""
+        # A failed attempt has made a step before, and may have left anything in u.
+        dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
+        self.grid.from_local(self.state.extrapolated(dt)[0], u)
+        self._starting = True
+
+    def _post_step(self, ts):
+        dt = ts.getTime() - self._time
+        if dt <= 0.0:  # TS gave up, and says why in its reason
+            return
+        state, local, step = self.state, self.grid.to_local(ts.getSolution()), self.time_step(dt)
+        stress = self.form.stress(local, step.increment)
+        departure = 0.0
+        if not self.steady:
+            departure = step.departure(local, stress, self.parameters.step_perturbation)
+            smaller = self.controller.smaller(dt, departure)
+            if smaller is not None:
+                self.rejected += 1
+                ts.rollBack()
+                ts.setTimeStep(smaller)
+                return
+        self.state = step.end(local, stress)
+        self._committed = local, (local - state.local) / dt, step.increment
+        self._time, self._dt, self._attempts = ts.getTime(), None, 0
+        target = self.controller.land(self.state.time)
+        if target is not None:
+            self.state.time = target
+        self.observer(self, target is not None, self._report(dt))
+        if self.steady:
+            return
+        if self.controller.finished:
+            ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
+            return
+        ts.setTimeStep(self.controller.next(self.state.time, dt, departure))
+
+    def _report(self, dt):
+        """The columns of the history for the step that was just accepted."""
+        snes, (local, rate, increment) = self.ts.getSNES(), self._committed
+        I = self.form.inertial_number(local, increment)
+        return {
+            "time": self.state.time,
+            "step_size": dt,
+            "newton_iterations": snes.getIterationNumber(),
+            "linear_iterations": snes.getLinearSolveIterations(),
+            "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),
+            "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX),
+            **self.case.observe(Flow(self.form, self.state.time, local, rate, increment))}
+
+    # What observers ask for
+
+    def cost(self):
+        """Return the steps and iterations so far, those of repeated steps included."""
+        ts = self.ts
+        return {"steps": ts.getStepNumber(),
+                "steps_repeated": self.rejected + ts.getStepRejections(),
+                "newton_iterations": ts.getSNESIterations(),
+                "linear_iterations": ts.getKSPIterations()}
+
+    def fields(self):
+        """Return the nodal fields of the last state, {name: (..., n_nodes)}, for `Writer.snapshot`.
+
+        Complete at owned nodes.
+        """
+        local, _, increment = self._committed
+        return {"coordinates": self.state.x, "velocity": velocity(self.form, local, self.state.x),
+                **self.form.nodal_fields(local, increment),
+                "deviator": np.array([self.form.at_nodes(part) for part in self.state.stress])}
+
+

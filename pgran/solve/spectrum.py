@@ -1,0 +1,245 @@
+"""Spectra of the solver's own Jacobian about the reference flow, by SLEPc.
+
+The eigenproblem is J x = -lambda M x, with the derivatives J and M of the simulation's residual
+with respect to the unknowns and to their rates. M is singular, since only what stores has a rate:
+its infinite eigenvalues lie farthest from every shift and are never among the answers.
+"""
+
+import numpy as np
+from mpi4py import MPI
+
+from ..output.results import Writer
+from ..space.element import DIM
+from ..space.weakform import discretise
+from ..theory import waves
+from . import state
+
+#: Harmonics of a cell among which the fastest is sought, each way.
+HARMONICS = 6
+
+
+def theory(parameters, k):
+    """Return the largest analytic growth rates (...), gdot0, of wave vectors ``k`` (..., 2), A d k.
+
+    lambda = (mu_loc/(A^2 phi I0^2)) times the dimensionless rate (3.22). Raises ValueError where
+    the model has no theory.
+    """
+    coefficients = _coefficients(parameters)
+    rate = waves.viscous_rate(coefficients.mu, parameters.A, parameters.phi,
+                              parameters.inertial_number)
+    return rate * waves.growth_rates(k, waves.PURE_SHEAR, coefficients)[..., 0]
+
+
+def fastest(parameters):
+    """Return the fastest-growing wave vector (2,), A d k, in closed form.
+
+    Raises ValueError where there is none: all are stable, or growth has no bound.
+    """
+    size, _, m = waves.fastest(_coefficients(parameters))
+    if not np.isfinite(size):
+        raise ValueError("a wave vector has to be given where no fastest one exists")
+    angle = np.radians(waves.direction_angle(m, waves.PURE_SHEAR))
+    return float(size) * np.array([np.cos(angle), np.sin(angle)])
+
+
+def _coefficients(parameters):
+    model = parameters.part("model").theory
+    if model is None:
+        raise ValueError(f"the model {parameters.model} has no linear theory")
+    return waves.Coefficients.of(parameters.part("law").of(parameters), model,
+                                 parameters.inertial_number)
+
+
+def targets(parameters, k):
+    """Return where the spectrum is sought unless that is given, gdot0.
+
+    For a cell with the wave vector ``k`` (2,) it is just beyond the fastest harmonic; for LI, whose
+    growth has no bound, just beyond the wave vector itself. Without a wave vector (None), no theory
+    is known: 0, 0.1, 0.3 and 0.9 of the growth of the fastest wave vector in free space.
+    """
+    if k is None:
+        try:
+            top = float(theory(parameters, fastest(parameters)))
+        except ValueError:  # no wave vector grows in free space
+            return [0.0]
+        return [0.0, 0.1 * top, 0.3 * top, 0.9 * top]
+    most = 1 if parameters.part("model").theory == "li" else HARMONICS
+    m = np.arange(1, most + 1)
+    rates = theory(parameters, np.array([(a, b) for a in m for b in m]) * k)
+    return [float(rates.max() + 0.05 * abs(rates.max()))]
+
+
+def operators(parameters, comm):
+    """Return the form, J and M about the reference flow, at theta = 0 on the initial mesh.
+
+    Rows of prescribed unknowns are those of the identity in J, and empty in M. The matrices belong
+    to the caller. Collective.
+    """
+    form = discretise(parameters, comm)
+    start = state.steady_start(form)
+    increment = form.increment(start.x, start.stress, 0.0, 0.0)
+    J, M = form.create_matrix(), form.create_matrix()
+    form.jacobian(start.local, 0.0, increment, J)
+    form.jacobian(start.local, 1.0, increment, M)
+    M.axpy(-1.0, J)
+    return form, J, M
+
+
+def spectrum(parameters, comm, k=None, sought=None):
+    """Return the eigenvalues nearest to the targets, largest real part first.
+
+    Collective.
+
+    Parameters
+    ----------
+    parameters : pgran.options.Parameters
+        Inertia is switched on, and imperfections are left out.
+    comm : PETSc.Comm
+    k : ndarray, (2,), optional
+        Wave vector A d k of which the case makes a cell, one wavelength each way.
+    sought : sequence of float, optional
+        Targets, gdot0; those of `targets` unless given.
+
+    Returns
+    -------
+    form : pgran.space.weakform.WeakForm
+    rows : list of dict
+        ``computed`` and ``imaginary`` (parts of the eigenvalue), ``analytic`` and
+        ``relative_error`` (None without theory), ``residual``, ``harmonic`` (m1, m2) of the mode
+        and its ``share`` of the mode's power (None without theory), and ``target``. Rates are in
+        gdot0.
+    modes : list of ndarray, (n_local,)
+        Complex modes in the same order.
+    """
+    part = parameters.part("case")
+    parameters = part.homogeneous(parameters.replace(inertia=True))
+    if k is not None:
+        parameters = part.with_wave(parameters, np.asarray(k) / parameters.A)
+    form, J, M = operators(parameters, comm)
+    rows, modes = [], []
+    for target in targets(parameters, k) if sought is None else sought:
+        for value, mode, error in eigenpairs(form, J, M, target):
+            row = {"computed": value.real, "imaginary": value.imag, "analytic": None,
+                   "relative_error": None, "harmonic": None, "share": None, "residual": error}
+            if any(abs(value - complex(r["computed"], r["imaginary"])) < 1e-6 * abs(value)
+                   and r["target"] != target for r in rows):
+                continue  # two targets have found it
+            if k is not None:
+                harmonic, share = name_of(form, mode)
+                if harmonic == (0, 0):
+                    continue  # a translation of the whole cell, of which lambda = 0 says nothing
+                analytic = float(theory(parameters, np.array(harmonic) * k))
+                row.update(harmonic=harmonic, share=share, analytic=analytic,
+                           relative_error=abs(value - analytic) / abs(analytic))
+            rows.append({**row, "target": target})
+            modes.append(mode)
+    J.destroy()
+    M.destroy()
+    order = sorted(range(len(rows)), key=lambda n: -rows[n]["computed"])
+    return form, [rows[n] for n in order], [modes[n] for n in order]
+
+
+def eigenpairs(form, J, M, target):
+    """Return the eigenpairs nearest to ``target``, gdot0. Collective.
+
+    The number, tolerance and solver are those of the ``-eps_`` and ``-st_`` options of SLEPc.
+
+    Returns
+    -------
+    list of (complex, ndarray, float)
+        lambda in gdot0, its mode (n_local,), complex, and its `residual`.
+    """
+    from slepc4py import SLEPc
+
+    eps = SLEPc.EPS().create(comm=form.grid.comm)
+    eps.setOperators(J, M)
+    eps.setProblemType(SLEPc.EPS.ProblemType.GNHEP)
+    eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    eps.setTarget(-target)
+    eps.setDimensions(8)
+    eps.getST().setType(SLEPc.ST.Type.SINVERT)
+    eps.setFromOptions()
+    eps.solve()
+    found, (real, imaginary) = [], J.createVecs()
+    for number in range(eps.getConverged()):
+        value = -eps.getEigenpair(number, real, imaginary)
+        mode = form.grid.to_local(real) + 1j * form.grid.to_local(imaginary)
+        found.append((value, mode, residual(J, M, value, real, imaginary)))
+    for thing in (eps, real, imaginary):
+        thing.destroy()
+    return found
+
+
+def residual(J, M, value, real, imaginary):
+    """Return |J x + lambda M x| over |lambda M x| of an eigenpair, x = real + i imaginary."""
+    Jx, Mx = J.createVecs()
+    change, size = 0.0, 0.0
+    # lambda M x = (a + ib)(Mr + iMi), part by part
+    for part, other, sign in ((real, imaginary, -1.0), (imaginary, real, 1.0)):
+        M.mult(part, Mx)
+        Mx.scale(value.real)
+        if value.imag:
+            M.mult(other, Jx)
+            Mx.axpy(sign * value.imag, Jx)
+        J.mult(part, Jx)
+        size += Mx.norm()**2
+        Jx.axpy(1.0, Mx)
+        change += Jx.norm()**2
+    Jx.destroy()
+    Mx.destroy()
+    return float(np.sqrt(change / size))
+
+
+def name_of(form, mode):
+    """Return the harmonic (m1, m2) of a mode (n_local,) of the cell, and its share of the power.
+
+    The largest Fourier term of the velocity, among all that the elements resolve; m1 >= 0,
+    and m2 > 0 where m1 = 0: a mode and its complex conjugate have one name. Collective.
+    """
+    grid = form.grid
+    nodes = grid.nodes
+    velocity = mode[:grid.n_flow].reshape(-1, grid.dof)[nodes.owned, :DIM]
+    first, second = (np.exp(-2j * np.pi * np.outer(np.arange(-n, n + 1), index) / (2 * n))
+                     for n, index in zip(grid.shape, (nodes.i[nodes.owned], nodes.j[nodes.owned])))
+    terms = np.stack([(first * part) @ second.T for part in velocity.T])
+    terms = grid.comm.tompi4py().allreduce(terms, MPI.SUM)
+    power = (np.abs(terms)**2).sum(axis=0)
+    power[:, -1] = power[-1, :] = 0.0  # the same as the first ones
+    power = power + power[::-1, ::-1]
+    a, b = np.unravel_index(np.argmax(np.round(power / power.max(), 9)), power.shape)
+    found = int(a) - grid.shape[0], int(b) - grid.shape[1]
+    share = 2.0 * power[a, b] / power.sum() if found != (0, 0) else power[a, b] / power.sum()
+    return (found if found > (0, 0) else (-found[0], -found[1])), float(share)
+
+
+def write_mode(path, form, rate, mode):
+    """Write a mode (n_local,) as a result file; its largest velocity becomes 1. Collective.
+
+    ``rate`` is its growth rate, gdot0. Returns the `pgran.output.results.Writer`.
+    """
+    grid, case, comm = form.grid, form.case, form.grid.comm.tompi4py()
+    # The largest velocity becomes 1 in size and real, on whichever rank it is.
+    scale = grid.largest(grid.split(mode)[0][:, grid.nodes.owned].ravel())
+    velocity, fluidity, pressure = grid.split((mode / scale).real)
+    if any(case.periodic):
+        # The held pressure of one corner adds a constant, which changes no flow: take it out.
+        pressure, fluidity = (field if field is None else field - comm.allreduce(
+            field[owned].sum(), MPI.SUM) / comm.allreduce(owned.size, MPI.SUM)
+            for field, owned in ((pressure, grid.corners.owned), (fluidity, grid.nodes.owned)))
+    fields = {"coordinates": case.coordinates(grid.nodes.i, grid.nodes.j), "velocity": velocity,
+              "pressure": form.corner_field(pressure), "speed": np.hypot(*velocity)}
+    if fluidity is not None:
+        fields["fluidity"] = fluidity
+    writer = Writer(path, form, {"growth_rate": rate})
+    writer.snapshot(0.0, fields)
+    return writer
+
+
+def draw_mode(writer, name, title):
+    """Draw the field ``name`` of a mode on rank 0; return the picture's path. Collective."""
+    def picture():
+        from ..output import pictures
+
+        return pictures.field(writer.path, "0000", name, title)
+
+    return writer.root_only(picture)

@@ -1,0 +1,194 @@
+"""The state of a run, where it starts, and what one time step solves.
+
+A step predicts the mesh at its end to second order (Adams-Bashforth), turns the last two stresses
+with the material, and asks for the solution there with the stress rate of BDF2. After acceptance
+the mesh moves by the trapezoidal rule, and the new stress is kept. On a fixed mesh nothing moves,
+but the stress turns. In pseudo-time nothing turns either, so that the steady state is that of
+rigid-viscous flow.
+"""
+
+import numpy as np
+from mpi4py import MPI
+
+from ..material.elasticity import rotated, stress_rate
+from ..options import ParameterError
+from ..output.results import read_mode, read_snapshot
+from ..space.element import SHAPE
+
+
+class State:
+    """The last accepted state of a rank: all that a step starts from.
+
+    Attributes
+    ----------
+    time : float
+        1/gdot0.
+    x : ndarray, (2, n_nodes)
+        Mesh, d.
+    local : ndarray, (n_local,)
+        Unknowns.
+    stress : ndarray, (3, points, n)
+        Deviator, stress.
+    dt : float or None
+        Size of the step that led here; None at the start.
+    earlier : ndarray, (3, points, n), or None
+        The stress that this step started from, turned with the material.
+    rate : ndarray, (n_local,)
+        Difference quotient of the unknowns over this step; zero at the start.
+    """
+
+    def __init__(self, time, x, local, stress, dt=None, earlier=None, rate=None):
+        self.time, self.x, self.local, self.stress = time, x, local, stress
+        self.dt, self.earlier = dt, earlier
+        self.rate = np.zeros_like(local) if rate is None else rate
+
+    def extrapolated(self, dt):
+        """Return the unknowns and the stress on the line through the last two states."""
+        if self.dt is None:
+            return self.local, self.stress
+        return (self.local + dt * self.rate,
+                self.stress + dt / self.dt * (self.stress - self.earlier))
+
+    def past(self, dt, angle):
+        """Return f and S of `stress_rate` for a step ``dt`` that turns by ``angle`` (points, n)."""
+        stress = rotated(self.stress, angle)
+        if self.dt is None:
+            return stress_rate(dt, stress)
+        return stress_rate(dt, stress, self.dt, rotated(self.earlier, angle))
+
+
+def _unknowns(form, fields, x):
+    """Local unknowns (n_local,) of ``fields(points)``, that is velocity, fluidity and pressure."""
+    grid = form.grid
+    corners = x[:, grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)]
+    velocity, fluidity, _ = fields(x)
+    return grid.join(velocity, fluidity, fields(corners)[2])
+
+
+def _initial_mesh(form):
+    return form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+
+
+def rest(form):
+    """Return the `State` at rest before loading: no stress deviator, no fluidity."""
+    x = _initial_mesh(form)
+    return State(0.0, x, _unknowns(form, form.case.start, x), form.no_stress())
+
+
+def reference(form):
+    """Return the `State` of the reference flow of the case, rigid-viscous.
+
+    With a seed, the mode that it names is added. Collective.
+
+    Raises
+    ------
+    ParameterError
+        If the mode does not fit.
+    """
+    grid, parameters = form.grid, form.case.parameters
+    x = _initial_mesh(form)
+    local = _unknowns(form, form.case.reference, x)
+    if parameters.seed:
+        mode = read_mode(parameters, form)
+        pressure = mode["pressure"][grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)]
+        local = local + parameters.seed_size * grid.join(
+            mode["velocity"], mode.get("fluidity"), pressure)
+    increment = form.increment(x, form.no_stress(), 0.0, 0.0)
+    increment.prescribed = np.full(grid.n_local, np.nan)  # nothing is imposed on this flow
+    return State(0.0, x, local, form.stress(local, increment))
+
+
+def steady_start(form):
+    """Return the `State` from which steady flow is sought. Collective.
+
+    It is that of the snapshot which a restart names, or the reference flow on the initial mesh.
+
+    Raises
+    ------
+    ParameterError
+        If the snapshot does not fit.
+    """
+    grid, parameters = form.grid, form.case.parameters
+    if not parameters.restart:
+        return reference(form)
+    if any(grid.periodic):
+        raise ParameterError("restart", parameters.restart,
+                             f"not for @case {parameters.case}, whose grid is periodic")
+    attributes, fields = read_snapshot(parameters, form)
+    pressure = fields["pressure"][grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)]
+    local = grid.join(fields["velocity"], fields["fluidity"], pressure)
+    stress = SHAPE @ fields["deviator"][:, grid.element_nodes]
+    return State(float(attributes["time"]), fields["coordinates"], local, stress)
+
+
+def velocity(form, local, x):
+    """Return the velocity (2, n_nodes) of material at nodes ``x``, base flow included, d gdot0."""
+    return form.grid.split(local)[0] + form.case.base_gradient @ x
+
+
+class TimeStep:
+    """One implicit time step from a state.
+
+    Parameters
+    ----------
+    form : pgran.space.weakform.WeakForm
+    state : State
+    dt : float
+        Size of the step, 1/gdot0; 0 gives the rigid-viscous equations as they stand.
+    still : bool
+        Whether mesh, walls and stress stay as they are, as in pseudo-time.
+
+    Attributes
+    ----------
+    increment : pgran.space.weakform.Increment
+        What is fixed while the step is solved.
+    angle : ndarray, (points, n), or 0.0
+        The angle by which the step turns stress, rad.
+    """
+
+    def __init__(self, form, state, dt, still=False):
+        self.form, self.state, self.dt, self.still = form, state, dt, still or dt == 0.0
+        x, stress, end, factor, self.angle = state.x, state.stress, state.time, 1.0, 0.0
+        if not self.still:
+            middle = velocity(form, state.local + 0.5 * dt * state.rate, state.x)
+            if form.case.moving:
+                x = state.x + dt * middle
+            self.angle = dt * form.spin(middle, 0.5 * (state.x + x))
+            factor, stress = state.past(dt, self.angle)
+            end = state.time + dt
+        theta = factor * form.material.elastic_compliance(dt)
+        self.increment = form.increment(x, stress, theta, end, rate_from=state.time)
+
+    def mesh_at_end(self, local):
+        """Return the mesh (2, n_nodes) at the end of the step, by the trapezoidal rule."""
+        if not self.form.case.moving:
+            return self.state.x
+        mean = 0.5 * (velocity(self.form, self.state.local, self.state.x)
+                      + velocity(self.form, local, self.increment.x))
+        return self.state.x + self.dt * mean
+
+    def end(self, local, stress):
+        """Return the `State` at the end of the step, with its solution and new stress."""
+        state = self.state
+        if self.still:
+            return State(state.time, state.x, local, stress)
+        return State(state.time + self.dt, self.mesh_at_end(local), local, stress, self.dt,
+                     rotated(state.stress, self.angle), (local - state.local) / self.dt)
+
+    def departure(self, local, stress, resolution):
+        """Return how far the solution departs from the extrapolation of the last two states.
+
+        It is the larger of max|v - v*|/max|v - v0| and max|sigma' - sigma'*|/(mu_s P0), where v*
+        and sigma'* are extrapolated and v0 is the reference flow. So a growing perturbation counts
+        by its own size, once this exceeds ``resolution`` times max|v|. Collective.
+        """
+        form, owned = self.form, self.form.grid.nodes.owned
+        x, comm = self.increment.x, form.grid.comm.tompi4py()
+        expected, expected_stress = self.state.extrapolated(self.dt)
+        now, then = (velocity(form, unknowns, x)[:, owned] for unknowns in (local, expected))
+        reference = (form.case.reference(x)[0] + form.case.base_gradient @ x)[:, owned]
+        off, size, apart, stress_off = (
+            comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX) for part in
+            (now - then, now, now - reference, stress - expected_stress))
+        scale = max(apart, resolution * size)
+        return max(off / scale, stress_off / form.material.yield_stress)

@@ -1,0 +1,1 @@
+"""Space: elements, grid, matrices, weak form and multigrid."""

@@ -1,0 +1,146 @@
+"""Q2 and Q1 shape functions, quadrature and mapped quadrilaterals.
+
+Nodes and Gauss points of an element are counted with x1 fastest: a = 3 j + i
+for the Q2 nodes and Gauss points, a = 2 j + i for the corners. Fields
+at Gauss points are arrays (`POINTS`, n): point first, element last, so that products
+with the constant tables below are single matrix products over all elements.
+"""
+
+import numpy as np
+
+#: Dimensions of space.
+DIM = 2
+#: Q2 nodes, Gauss points and corners of an element.
+NODES, POINTS, CORNERS = 3**DIM, 3**DIM, 2**DIM
+
+GAUSS_1D = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
+WEIGHTS_1D = np.array([5.0, 8.0, 5.0]) / 9.0
+#: Q2 nodes of each side, in the order that keeps the element on the left.
+SIDE_NODES = {"bottom": (0, 1, 2), "right": (2, 5, 8), "top": (8, 7, 6), "left": (6, 3, 0)}
+
+
+def quadratic(x):
+    """Return the three quadratic Lagrange functions at ``x`` (n,) and their slopes, (n, 3) each."""
+    x = np.asarray(x)[:, None]
+    values = np.hstack([x * (x - 1.0) / 2.0, 1.0 - x**2, x * (x + 1.0) / 2.0])
+    slopes = np.hstack([x - 0.5, -2.0 * x, x + 0.5])
+    return values, slopes
+
+
+def linear(x):
+    """Return the two linear Lagrange functions at ``x`` (n,), (n, 2)."""
+    x = np.asarray(x)[:, None]
+    return np.hstack([1.0 - x, 1.0 + x]) / 2.0
+
+
+_N, _DN = quadratic(GAUSS_1D)
+_L = linear(GAUSS_1D)
+
+
+def _tensor(second, first):
+    """Tensor product of functions of x2 and of x1, with x1 fastest in points and nodes."""
+    return np.einsum("qb,pa->qpba", second, first).reshape(
+        len(second) * len(first), second.shape[1] * first.shape[1])
+
+
+#: Q2 shape functions at the Gauss points, (points, nodes).
+SHAPE = _tensor(_N, _N)
+#: Their reference derivatives, (directions, points, nodes).
+SHAPE_SLOPE = np.array([_tensor(_N, _DN), _tensor(_DN, _N)])
+#: Q1 shape functions at the Gauss points, (points, corners).
+CORNER_SHAPE = _tensor(_L, _L)
+#: Q1 shape functions at the Q2 nodes, (nodes, corners).
+CORNER_AT_NODES = _tensor(linear([-1.0, 0.0, 1.0]), linear([-1.0, 0.0, 1.0]))
+#: Gauss weights, (points,).
+WEIGHTS = np.outer(WEIGHTS_1D, WEIGHTS_1D).ravel()
+#: Values at the Q2 nodes of the biquadratic through the Gauss points, (nodes, points).
+GAUSS_TO_NODES = np.linalg.inv(SHAPE)
+#: Shape functions and slopes of a side at its three Gauss points, (3 points, 3 nodes).
+SIDE_SHAPE, SIDE_SLOPE = _N, _DN
+
+
+class Geometry:
+    """The map of quadrilaterals with quadratic sides, at their Gauss points.
+
+    Where an element is turned inside out the attributes are not numbers, which a solver
+    sees as a failed evaluation.
+
+    Parameters
+    ----------
+    x : ndarray, (2, nodes, n)
+        Coordinates of the nodes of n elements, d.
+
+    Attributes
+    ----------
+    inverse : ndarray, (2, 2, points, n)
+        inverse[i, r] = d xi_r / d x_i, 1/d.
+    weight : ndarray, (points, n)
+        Gauss weight times the determinant of the map, d^2.
+    """
+
+    def __init__(self, x):
+        (x_1, x_2), (y_1, y_2) = (
+            [SHAPE_SLOPE[r] @ x[i] for r in range(2)] for i in range(2))
+        det = x_1 * y_2 - x_2 * y_1
+        det[~(det > 0.0)] = np.nan
+        self.inverse = np.array([[y_2, -y_1], [-x_2, x_1]]) / det
+        self.weight = WEIGHTS[:, None] * det
+
+    def __getitem__(self, batch):
+        """Return the geometry of a slice of the elements."""
+        part = Geometry.__new__(Geometry)
+        part.inverse, part.weight = self.inverse[..., batch], self.weight[:, batch]
+        return part
+
+    def gradient(self, nodal):
+        """Return the gradient (2, points, n) of a Q2 field ``nodal`` (nodes, n)."""
+        slope = SHAPE_SLOPE.reshape(DIM * POINTS, NODES) @ nodal
+        slope = slope.reshape(DIM, POINTS, -1)
+        return self.inverse[:, 0] * slope[0] + self.inverse[:, 1] * slope[1]
+
+    def pull_back(self, flux):
+        """Return weight * sum_i (d xi_r/d x_i) flux_i of ``flux``, both (2, points, n)."""
+        return self.weight * (self.inverse[0] * flux[0] + self.inverse[1] * flux[1])
+
+
+def side_force(x, traction):
+    """Return the nodal forces (2, 3, n) of a traction on the sides of n elements.
+
+    Parameters
+    ----------
+    x : ndarray, (2, 3, n)
+        Coordinates of the nodes of the sides, d, in the order of `SIDE_NODES`, which keeps the
+        element to the left, so that the outward normal times arc length is (d x2, -d x1).
+    traction : callable
+        ``traction(x, area)`` returns the force (2, 3, n) on pieces of the side at points
+        (2, 3, n), whose outward normals times length are ``area`` (2, 3, n).
+
+    Returns
+    -------
+    ndarray, (2, 3, n)
+        Forces per depth, stress times d.
+    """
+    tangent = np.einsum("qa,ian->iqn", SIDE_SLOPE, x)
+    force = traction(np.einsum("qa,ian->iqn", SIDE_SHAPE, x),
+                     np.array([tangent[1], -tangent[0]]))
+    return np.einsum("q,qa,iqn->ian", WEIGHTS_1D, SIDE_SHAPE, force)
+
+
+def _table(left, right, pattern):
+    """Products of shape functions, one row for each pair of nodes, one column for each factor."""
+    product = np.einsum(pattern, left, right)
+    return np.ascontiguousarray(product.reshape(product.shape[0] * product.shape[1], -1))
+
+
+# An entry of an element matrix is a sum over Gauss points q and directions r, s of a factor that
+# belongs to the element times a product of shape functions that does not. These tables hold the
+# products, so that all entries of all elements come from single matrix products (pairs, factors)
+# @ (factors, elements).
+SLOPE_SLOPE = _table(SHAPE_SLOPE, SHAPE_SLOPE, "rqa,sqb->abrsq")
+SLOPE_VALUE = _table(SHAPE_SLOPE, SHAPE, "rqa,qb->abrq")
+VALUE_SLOPE = _table(SHAPE, SHAPE_SLOPE, "qa,sqb->absq")
+VALUE_VALUE = _table(SHAPE, SHAPE, "qa,qb->abq")
+SLOPE_CORNER = _table(SHAPE_SLOPE, CORNER_SHAPE, "rqa,qb->abrq")
+CORNER_SLOPE = _table(CORNER_SHAPE, SHAPE_SLOPE, "qa,sqb->absq")
+VALUE_CORNER = _table(SHAPE, CORNER_SHAPE, "qa,qb->abq")
+CORNER_CORNER = _table(CORNER_SHAPE, CORNER_SHAPE, "qa,qb->abq")

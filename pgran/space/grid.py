@@ -1,0 +1,215 @@
+"""The structured grid on DMDA: numbering, fields, this rank's elements, ghost exchange.
+
+Two DMDAs in a DMComposite hold the unknowns: one of the Q2 nodes with the
+velocity and the fluidity of a node side by side, one of the corner nodes with
+the pressure. Every unknown is real (one DMDA for all would carry a dummy
+pressure on three nodes of four, and its rows through every solver), and the
+three unknowns of a node stay together, as block solvers want them.
+
+A rank owns whole elements, and the nodes on their lower and left sides. It also
+evaluates the layer of its neighbours' elements below and to the left of its own,
+so that every row it owns is complete without communication: residual and
+Jacobian need one ghost exchange of the unknowns and nothing else.
+"""
+
+import numpy as np
+from petsc4py import PETSc
+
+from ..options import ParameterError
+from .element import CORNERS, DIM, NODES, SIDE_NODES
+
+
+class Lattice:
+    """One DMDA: the Q2 nodes or the corners, as this rank sees them.
+
+    Local points are the owned ones and their ghosts, x1 fastest. ``i`` and ``j``
+    (n,) are their global indices (below zero or beyond the end where periodic),
+    ``owned`` (n_owned,) the local positions of the owned ones in global order.
+    """
+
+    def __init__(self, comm, shape, periodic, parts, per_element, dof):
+        boundary = tuple(PETSc.DM.BoundaryType.PERIODIC if wrap else PETSc.DM.BoundaryType.NONE
+                         for wrap in periodic)
+        ranges = []
+        for part, wrap in zip(parts, periodic):
+            count = per_element * np.asarray(part, dtype=PETSc.IntType)
+            count[-1] += 0 if wrap else 1
+            ranges.append(count)
+        self.per_element = per_element
+        self.shape = tuple(per_element * n + (0 if wrap else 1) for n, wrap in zip(shape, periodic))
+        self.dm = PETSc.DMDA().create(
+            dim=2, dof=dof, sizes=self.shape, proc_sizes=[len(part) for part in parts],
+            boundary_type=boundary, stencil_type=PETSc.DMDA.StencilType.BOX,
+            stencil_width=per_element, ownership_ranges=ranges, comm=comm)
+        (i0, i1), (j0, j1) = self.dm.getGhostRanges()
+        (self.i0, self.i1), (self.j0, self.j1) = self.dm.getRanges()
+        self.ghost_start = i0, j0
+        self.row = i1 - i0
+        j, i = np.mgrid[j0:j1, i0:i1]
+        self.i, self.j = i.ravel(), j.ravel()
+        inside = (self.i0 <= self.i) & (self.i < self.i1) & (self.j0 <= self.j) & (self.j < self.j1)
+        self.owned = np.flatnonzero(inside)
+        self.size = self.i.size
+
+    def index(self, i, j):
+        """Return the local positions of global indices ``i``, ``j``."""
+        return (j - self.ghost_start[1]) * self.row + i - self.ghost_start[0]
+
+
+class Grid:
+    """A structured grid of Q2-Q1 elements over ranks.
+
+    Unknowns of a rank are numbered locally as one array: node by node v1, v2 (and g), ghosts
+    included, then the pressures of its corners.
+
+    Parameters
+    ----------
+    comm : PETSc.Comm
+    shape : tuple of int
+        Elements along x1 and x2.
+    periodic : tuple of bool
+    fluidity : bool
+        Whether the nodes carry g besides v.
+
+    Attributes
+    ----------
+    element_unknowns : ndarray, (rows, n)
+        Local numbers of the unknowns of each element, block by block.
+    blocks : dict
+        The rows of ``element_unknowns`` that belong to v1, v2, g and P, {name: slice}.
+    element_nodes, element_corners : ndarray, (nodes, n) and (corners, n)
+        Local nodes and corners of each element.
+
+    Raises
+    ------
+    ParameterError
+        If there are too many ranks for the elements.
+    """
+
+    def __init__(self, comm, shape, periodic=(False, False), fluidity=True):
+        self.comm, self.shape, self.periodic = comm, tuple(shape), tuple(periodic)
+        self.velocities = tuple(f"v{i + 1}" for i in range(DIM))
+        self.fields = self.velocities + (("g",) if fluidity else ())
+        self.dof, self.has_fluidity = len(self.fields), fluidity
+        self.blocks, rows = {}, 0
+        for name, size in [*((field, NODES) for field in self.fields), ("P", CORNERS)]:
+            self.blocks[name] = slice(rows, rows + size)
+            rows += size
+        parts = self._partition()
+        self.nodes = Lattice(comm, shape, periodic, parts, 2, self.dof)
+        self.corners = Lattice(comm, shape, periodic, parts, 1, 1)
+        for number, name in enumerate(("velocity_1", "velocity_2", "fluidity")[:self.dof]):
+            self.nodes.dm.setFieldName(number, name)
+        self.corners.dm.setFieldName(0, "pressure")
+        self.dm = PETSc.DMComposite().create(comm=comm)
+        self.dm.addDM(self.nodes.dm)
+        self.dm.addDM(self.corners.dm)
+        self.dm.setUp()
+        self._local = self.nodes.dm.createLocalVec(), self.corners.dm.createLocalVec()
+        self.n_flow = self.nodes.size * self.dof
+        self.n_local = self.n_flow + self.corners.size
+        self.owned = np.concatenate([
+            (self.nodes.owned[:, None] * self.dof + np.arange(self.dof)).ravel(),
+            self.n_flow + self.corners.owned])
+        self.n_owned = self.owned.size
+        flow_map, corner_map = self.dm.getLGMaps()
+        self.global_number = np.concatenate([flow_map.indices, corner_map.indices])
+        self._number_elements()
+
+    def _partition(self):
+        """Let a DMDA of the elements divide them; return the elements of each part, (x1, x2)."""
+        try:
+            cells = PETSc.DMDA().create(dim=2, dof=1, sizes=self.shape, stencil_width=0,
+                                        comm=self.comm)
+        except PETSc.Error:
+            raise ParameterError(
+                "n", self.comm.size, f"{self.comm.size} ranks are too many for {self.shape[0]} x "
+                f"{self.shape[1]} elements, or do not divide them", prefix="") from None
+        parts = [np.array(part) for part in cells.getOwnershipRanges()]
+        cells.destroy()
+        return parts
+
+    def _number_elements(self):
+        nodes, corners = self.nodes, self.corners
+        first, last = [], []
+        for start, end, wrap, n in zip((corners.i0, corners.j0), (corners.i1, corners.j1),
+                                       self.periodic, self.shape):
+            first.append(start - 1 if wrap else max(start - 1, 0))
+            last.append(end if wrap else min(end, n))
+        j, i = np.mgrid[first[1]:last[1], first[0]:last[0]]
+        self.element_i, self.element_j = i.ravel(), j.ravel()
+        self.n_elements = self.element_i.size
+        #: Elements that no other rank owns.
+        self.element_owned = (self.element_i >= corners.i0) & (self.element_j >= corners.j0)
+        a, b = np.arange(NODES), np.arange(CORNERS)
+        self.element_nodes = nodes.index(2 * self.element_i + a[:, None] % 3,
+                                         2 * self.element_j + a[:, None] // 3)
+        self.element_corners = corners.index(self.element_i + b[:, None] % 2,
+                                             self.element_j + b[:, None] // 2)
+        self.element_unknowns = np.concatenate(
+            [self.element_nodes * self.dof + field for field in range(self.dof)]
+            + [self.n_flow + self.element_corners])
+
+    def side_elements(self, side):
+        """Return the local elements, owned or not, that lie on a side of the domain."""
+        index, value = {"left": (self.element_i, 0), "right": (self.element_i, self.shape[0] - 1),
+                        "bottom": (self.element_j, 0), "top": (self.element_j, self.shape[1] - 1)
+                        }[side]
+        return np.flatnonzero(index == value)
+
+    def side_nodes(self, side):
+        """Return the local nodes (3, n) of the elements of `side_elements`, element on the left."""
+        return self.element_nodes[np.array(SIDE_NODES[side])][:, self.side_elements(side)]
+
+    # Vectors
+
+    def create_vector(self):
+        """Return a global vector of all unknowns. Collective."""
+        return self.dm.createGlobalVec()
+
+    def to_local(self, vector):
+        """Return the local unknowns (n_local,) of a global vector, ghosts included. Collective."""
+        self.dm.scatter(vector, self._local)
+        return np.concatenate([local.array_r for local in self._local])
+
+    def from_local(self, local, vector):
+        """Put the owned ones of the local unknowns (n_local,) into a global vector. Collective."""
+        vector.setArray(local[self.owned])
+
+    def split(self, local):
+        """Return views of the local unknowns: velocity (2, n), fluidity (n,) or None, pressure."""
+        flow = local[:self.n_flow].reshape(-1, self.dof)
+        return (flow[:, :DIM].T, flow[:, DIM] if self.has_fluidity else None,
+                local[self.n_flow:])
+
+    def join(self, velocity, fluidity, pressure):
+        """Return the local unknowns (n_local,) of nodal fields; the inverse of `split`."""
+        flow = np.empty((self.nodes.size, self.dof))
+        flow[:, :DIM] = np.transpose(velocity)
+        if self.has_fluidity:
+            flow[:, DIM] = fluidity
+        return np.concatenate([flow.ravel(), pressure])
+
+    def field_sets(self):
+        """Return {name: index set} of the fields that solvers may split. Collective."""
+        # Owned unknowns are numbered in a row over the ranks.
+        start = self.comm.tompi4py().scan(self.n_owned) - self.n_owned
+        n_flow = self.nodes.owned.size * self.dof
+        flow = np.arange(start, start + n_flow, dtype=PETSc.IntType).reshape(-1, self.dof)
+        sets = {"velocity": flow[:, :DIM].ravel()}
+        if self.has_fluidity:
+            sets["fluidity"] = flow[:, DIM]
+        sets["pressure"] = np.arange(start + n_flow, start + self.n_owned, dtype=PETSc.IntType)
+        return {name: PETSc.IS().createGeneral(numbers, comm=self.comm)
+                for name, numbers in sets.items()}
+
+    def largest(self, values):
+        """Return the entry of largest size among the ``values`` (n,) of all ranks. Collective."""
+        return max(self.comm.tompi4py().allgather(values[np.argmax(np.abs(values))]), key=abs)
+
+    def sum_at_nodes(self, values):
+        """Return the sums (n_nodes,) over elements of ``values`` (nodes, n) at their nodes.
+
+        Complete at owned nodes.
+        """
+        return np.bincount(self.element_nodes.ravel(), values.ravel(), minlength=self.nodes.size)

@@ -1,0 +1,231 @@
+"""The unknowns as PETSc's preconditioners see them: fields by name, and coarser grids.
+
+The fields velocity, fluidity and pressure can be split alone or joined, and a block
+of velocity and fluidity knows its coarser grids, so that options alone choose the
+preconditioner::
+
+    -pc_type fieldsplit -pc_fieldsplit_0_fields 0,1 -pc_fieldsplit_1_fields 2
+    -fieldsplit_0_pc_type mg
+
+Multigrid halves the elements in both directions; the interpolation is that of the
+Q2 elements themselves, whose spaces are nested, and coarse operators are Galerkin
+products.
+"""
+
+import numpy as np
+from petsc4py import PETSc
+
+from ..options import ParameterError
+from .element import quadratic
+
+#: Weights of the three nodes of a coarse element at the five nodes of its two halves.
+HALVES = quadratic(np.linspace(-1.0, 1.0, 5))[0]
+#: Side of the elements of the coarsest grid over A d, at most, unless -pc_mg_levels says more:
+#: six elements to the shortest growing wavelength (k A d = 0.1226), which no coarser grid sees.
+COARSEST = 8.5
+
+
+def field_shell(form):
+    """Return a DM that knows the fields by name and the coarser grids of a block. Collective.
+
+    PCFIELDSPLIT takes its splits from this DM: alone by name, or joined by number with
+    ``-pc_fieldsplit_0_fields 0,1``; the prefixes are those of PETSc. Corrections of coarser
+    grids leave the prescribed unknowns alone.
+    """
+    grid = form.grid
+    return _shell(grid.comm, grid.field_sets(), grid.create_vector(),
+                  lambda names: node_level(form, names))
+
+
+def node_level(form, names):
+    """Return the `NodeLevel` of the fields ``names``, None where pressure is one of them."""
+    if "pressure" in names:
+        return None
+    grid = form.grid
+    velocity, fluidity, _ = grid.split(form.held)
+    held = {"velocity": [*velocity], "fluidity": [fluidity]}
+    held = np.array(sum((held[name] for name in names), []))[:, grid.nodes.owned]
+    starts = [np.concatenate([[0], np.cumsum(part)])
+              for part in grid.nodes.dm.getOwnershipRanges()]
+    level = NodeLevel(grid.comm, grid.shape, grid.periodic, starts, len(held), held.T.ravel())
+    side = np.diff(form.case.coordinates(np.array([0, 2]), np.array([0, 2]))).max()
+    level.depth = max(1, min(level.coarsenings,
+                             int(np.log2(COARSEST * form.material.model.length / side))))
+    level.alone = level.coarsenings == 0
+    return level
+
+
+def configure(ksp, form):
+    """Hand PCFIELDSPLIT the matrix for ``-pc_fieldsplit_schur_precondition user``.
+
+    Returns that matrix, the pressure mass over viscosity that `WeakForm.pressure_mass`
+    fills, or None where the options ask for something else. Collective.
+    """
+    pc = ksp.getPC()
+    prefix = pc.getOptionsPrefix() or ""
+    asked = PETSc.Options().getString(f"{prefix}pc_fieldsplit_schur_precondition", "")
+    if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
+        return None
+    schur = form.create_pressure_mass()
+    kinds = getattr(PETSc.PC, "FieldSplitSchurPreType", None) or PETSc.PC.SchurPreType
+    pc.setFieldSplitSchurPreType(kinds.USER, schur)  # petsc4py 3.18 has the shorter name
+    return schur
+
+
+class NodeLevel:
+    """The Q2 nodes of one grid of a hierarchy, numbered as the unknowns of a block are.
+
+    Parameters: ``shape`` elements, ``periodic`` two bools, ``starts`` the first node
+    index of each part of the ranks and the end, in x1 and x2; ``dof`` unknowns of a
+    node; ``held`` (n_owned,), node by node, which of them are prescribed. A rank owns
+    the coarse nodes that coincide with its fine ones. ``depth``: how many coarser levels
+    are worth having; ``alone``: an odd grid, whose one coarser level is the grid itself.
+    """
+
+    depth, alone, ratio = 0, False, 1
+
+    def __init__(self, comm, shape, periodic, starts, dof, held):
+        self.comm, self.shape, self.periodic, self.starts = comm, shape, periodic, starts
+        self.dof, self.held = dof, held
+        part = comm.rank % (len(starts[0]) - 1), comm.rank // (len(starts[0]) - 1)
+        self.range = [(start[k], start[k + 1]) for start, k in zip(starts, part)]
+        counts = np.outer(np.diff(starts[1]), np.diff(starts[0])).ravel()
+        self._first = np.concatenate([[0], np.cumsum(counts)])
+
+    @property
+    def coarsenings(self):
+        """How often the elements can be halved in both directions."""
+        return min((n & -n).bit_length() - 1 for n in self.shape)
+
+    def coarser(self):
+        """Return the `NodeLevel` of elements twice as large. Raises `ParameterError` if they are odd.
+
+        Collective.
+        """
+        if self.alone:
+            return NodeLevel(self.comm, self.shape, self.periodic, self.starts, self.dof,
+                             self.held)
+        if not self.coarsenings:
+            raise ParameterError("pc_mg_levels", None, "too many, as {} x {} elements cannot be "
+                                 "halved".format(*self.shape), prefix="")
+        even = np.ix_(*(np.arange(*span) % 2 == 0 for span in reversed(self.range)))
+        held = self.held.reshape([np.diff(span)[0] for span in reversed(self.range)] + [self.dof])
+        coarse = NodeLevel(self.comm, tuple(n // 2 for n in self.shape), self.periodic,
+                           [(start + 1) // 2 for start in self.starts], self.dof,
+                           held[even].ravel())
+        coarse.ratio = 2
+        return coarse
+
+    def number(self, i, j):
+        """Return the place of nodes among those of all ranks; ``i``, ``j`` global indices."""
+        parts = [np.searchsorted(start, index, side="right") - 1
+                 for start, index in zip(self.starts, (i, j))]
+        (i0, i1), (j0, _) = [(start[part], start[part + 1])
+                             for start, part in zip(self.starts, parts)]
+        rank = parts[1] * (len(self.starts[0]) - 1) + parts[0]
+        return self._first[rank] + (j - j0) * (i1 - i0) + i - i0
+
+    def interpolation(self, fine):
+        """Return the matrix that takes unknowns of this level to the next finer one. Collective.
+
+        Q2 interpolation between free unknowns, the identity between prescribed ones.
+        """
+        (i, across), (j, up) = (self._along(axis, fine.range[axis]) for axis in range(2))
+        dof, n = self.dof, fine.held.size // self.dof
+        weight = (up[:, None, :, None] * across[None, :, None, :]).reshape(n, -1)
+        node = self.number(i[None, :, None, :], j[:, None, :, None]).reshape(n, -1)
+        used = np.repeat(weight[:, None] != 0.0, dof, axis=1)  # (fine nodes, dof, coarse nodes)
+        start = np.concatenate([[0], np.cumsum(used.sum(axis=2))])
+        column = (node * dof)[:, None] + np.arange(dof)[:, None]
+        value = np.where(fine.held.reshape(n, dof, 1), 0.0, weight[:, None])
+        matrix = PETSc.Mat().createAIJ(
+            ((fine.held.size, None), (self.held.size, None)), comm=self.comm,
+            csr=(start.astype(PETSc.IntType), column[used].astype(PETSc.IntType), value[used]))
+        matrix.diagonalScale(None, self._free())
+        (i0, i1), (j0, j1) = self.range
+        j, i = (index.ravel() for index in np.mgrid[j0:j1, i0:i1])
+        rows, columns = ((level.number(k * i, k * j)[:, None] * dof + np.arange(dof)).ravel()[
+            self.held].astype(PETSc.IntType) for level, k in ((fine, self.ratio), (self, 1)))
+        matrix.setValuesIJV(np.arange(rows.size + 1, dtype=PETSc.IntType), columns,
+                            np.ones(rows.size), rowmap=rows)
+        matrix.assemble()
+        return matrix
+
+    def _along(self, axis, span):
+        """Nodes of this level (n, m) and their weights (n, m) at fine nodes in one direction."""
+        fine = np.arange(*span)
+        if self.ratio == 1:
+            return fine[:, None], np.ones((fine.size, 1))
+        element = np.minimum(fine // 4, self.shape[axis] - 1)
+        node = 2 * element[:, None] + np.arange(3)
+        if self.periodic[axis]:
+            node %= 2 * self.shape[axis]
+        return node, HALVES[fine - 4 * element]
+
+    def _free(self):
+        vector = self.vector()
+        vector.setArray(np.where(self.held, 0.0, 1.0))
+        return vector
+
+    def vector(self):
+        """Return an empty vector of this level's unknowns. Collective."""
+        return PETSc.Vec().createMPI((self.held.size, None), bsize=self.dof, comm=self.comm)
+
+
+def _shell(comm, sets, vector, level):
+    """A DM of the fields ``sets``; ``level(names)`` gives their `NodeLevel`, None where none is."""
+    names = list(sets)
+
+    def decompose(dm):
+        return list(names), [sets[name] for name in names], [
+            _block(comm, {name: sets[name]}, level) for name in names]
+
+    def sub_dm(dm, fields):
+        if max(fields) >= len(names):
+            known = ", ".join(f"{number} {name}" for number, name in enumerate(names))
+            raise ParameterError("pc_fieldsplit_..._fields", ",".join(map(str, fields)),
+                                 f"the fields of this model are {known}", prefix="")
+        chosen = {names[k]: sets[names[k]] for k in fields}
+        return _joined(comm, chosen), _block(comm, chosen, level)
+
+    dm = PETSc.DMShell().create(comm=comm)
+    dm.setGlobalVector(vector)
+    dm.setCreateFieldDecomposition(decompose)
+    dm.setCreateSubDM(sub_dm)
+    return dm
+
+
+def _block(comm, chosen, level):
+    joined = _joined(comm, chosen)
+    vector = PETSc.Vec().createMPI((joined.getLocalSize(), None), comm=comm)
+    # Each rank's numbers are contiguous within the block.
+    start = vector.getOwnershipRange()[0]
+    inner = {name: PETSc.IS().createGeneral(
+        (start + np.searchsorted(joined.indices, part.indices)).astype(PETSc.IntType), comm=comm)
+        for name, part in chosen.items()}
+    dm = _shell(comm, inner, vector, level)
+    nodes = level(list(chosen))
+    if nodes:
+        _add_levels(dm, nodes)
+        dm.setRefineLevel(nodes.depth)
+    return dm
+
+
+def _joined(comm, sets):
+    return PETSc.IS().createGeneral(
+        np.sort(np.concatenate([part.indices for part in sets.values()])), comm=comm)
+
+
+def _add_levels(dm, nodes, finer=None):
+    """Let PCMG coarsen ``dm``, and interpolate from it to the ``finer`` level it came from."""
+
+    def coarsen(dm, comm):
+        coarse = nodes.coarser()
+        shell = PETSc.DMShell().create(comm=nodes.comm)
+        shell.setGlobalVector(coarse.vector())
+        _add_levels(shell, coarse, nodes)
+        return shell
+
+    dm.setCoarsen(coarsen)
+    if finer:
+        dm.setCreateInterpolation(lambda coarse, fine: (nodes.interpolation(finer), None))

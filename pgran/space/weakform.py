@@ -1,0 +1,447 @@
+"""Residual and Jacobian of the weak form over all elements of a rank at once.
+
+For all test functions (w, h, q), with sigma = -P 1 + sigma'::
+
+    phi rho_s (w, dv/dt) + (grad w, sigma) = <w, t> + (w, b)                 (2.2)
+    tau (h, dg/dt) + A^2 d^2 (grad h, grad g) + (h, F) = 0                    (2.5), over xi^2
+    -(q, div v) = 0                                                          (2.9)
+
+sigma', F, tau and A^2 d^2 come from the model (`pgran.material.models`), the tractions t and the
+body force b from the case. The elements are worked on in batches that stay in the cache. Within
+one, arrays are (Gauss points, n elements).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from mpi4py import MPI
+
+from .. import cases
+from ..material.elasticity import COMPONENTS
+from ..options import ParameterError
+from . import element
+from .element import DIM, NODES, POINTS
+from .grid import Grid
+from .matrix import BatchSum, Block, ElementMatrix, Field
+
+BATCH = 512
+
+
+def discretise(parameters, comm):
+    """Return the `WeakForm` of resolved parameters on the ranks of ``comm``. Collective.
+
+    Raises
+    ------
+    ParameterError
+        If the parameters do not fit together.
+    """
+    model, law = parameters.part("model"), parameters.part("law")
+    if not model.solved:
+        raise ParameterError("model", parameters.model,
+                             "only the linear theory knows this model; the solver does not")
+    if model.needs_length and law.inverse_length_squared is None:
+        raise ParameterError("model", parameters.model, f"@law {parameters.law} has no "
+                             "cooperativity length; allowed is a local model such as li")
+    case = cases.create(parameters)
+    grid = Grid(comm, case.shape, case.periodic, fluidity=case.material.model.has_fluidity)
+    return WeakForm(grid, case)
+
+
+@dataclass
+class Increment:
+    """What is fixed while Newton's method solves one time increment.
+
+    Attributes
+    ----------
+    x : ndarray, (2, n_nodes)
+        Coordinates of the mesh, d.
+    stress : ndarray, (3, points, n)
+        Old deviator S11, S22, S12, already turned with the material, stress.
+    theta : float
+        Compliance f/(G dt) of the elastic element; 0 for the rigid-viscous equations.
+    prescribed, prescribed_rate : ndarray, (n_local,)
+        Prescribed values, not numbers where an unknown is free, and their rates of change.
+    geometry : pgran.space.element.Geometry
+        The map of the elements.
+    load : ndarray, (2, n_nodes)
+        Nodal forces of the tractions, stress times d.
+    """
+
+    x: np.ndarray
+    stress: np.ndarray
+    theta: float
+    prescribed: np.ndarray
+    prescribed_rate: np.ndarray
+    geometry: object = field(repr=False)
+    load: np.ndarray
+
+
+class WeakForm:
+    """The discrete equations of a case on a grid.
+
+    All arrays of unknowns are local ones, (grid.n_local,), as `Grid.to_local` gives them. Only
+    making a form, and what creates or fills a matrix, is collective.
+
+    Parameters
+    ----------
+    grid : pgran.space.grid.Grid
+    case : pgran.cases.Case
+    """
+
+    def __init__(self, grid, case):
+        self.grid, self.case, self.material = grid, case, case.material
+        model = self.material.model
+        density = self.material.bulk_density if case.parameters.inertia else 0.0
+        self.storage = {"velocity": density, "fluidity": 0.0, **model.storage}
+        n = grid.n_elements
+        self.batches = [slice(k, min(k + BATCH, n)) for k in range(0, n, BATCH)]
+        self.laws = self._element_laws()
+        self.held = ~np.isnan(self.prescribed(0.0))
+        self._lay_out_matrices()
+
+    def _element_laws(self):
+        """The law with the yield value of each element, one for each batch."""
+        grid, law = self.grid, self.material.law
+        factor = self.case.yield_factor(grid.element_i, grid.element_j)
+        weak = grid.comm.tompi4py().allreduce(bool((factor != 1.0).any()), MPI.LOR)
+        return [law.weakened(factor[batch]) if weak else law for batch in self.batches]
+
+    def increment(self, x, stress, theta, time, rate_from=None):
+        """Return the `Increment` that ends at a time.
+
+        ``x``, ``stress`` and ``theta`` are those of `Increment`; prescribed rates are differences
+        from the time ``rate_from``, and zero without it.
+        """
+        values = self.prescribed(time)
+        rates = np.zeros_like(values)
+        if rate_from is not None and time > rate_from:
+            rates = (values - self.prescribed(rate_from)) / (time - rate_from)
+        load = np.zeros((DIM, self.grid.nodes.size))
+        for side, traction in self.case.tractions(time).items():
+            nodes = self.grid.side_nodes(side)
+            force = element.side_force(x[:, nodes], traction)
+            for i in range(DIM):
+                load[i] += np.bincount(nodes.ravel(), force[i].ravel(),
+                                       minlength=self.grid.nodes.size)
+        return Increment(x, stress, theta, values, rates,
+                         element.Geometry(x[:, self.grid.element_nodes]), load)
+
+    def no_stress(self):
+        """Return a deviator of zeros, (3, points, n)."""
+        return np.zeros((COMPONENTS, POINTS, self.grid.n_elements))
+
+    def prescribed(self, time):
+        """Return the prescribed unknowns (n_local,) at a time, not a number where free."""
+        nodes, corners, case = self.grid.nodes, self.grid.corners, self.case
+        return self.grid.join(case.prescribed_velocity(time, nodes.i, nodes.j),
+                              case.prescribed_fluidity(time, nodes.i, nodes.j),
+                              case.prescribed_pressure(time, corners.i, corners.j))
+
+    # Points
+
+    def points(self, local, increment, number):
+        """Return kinematics and response at the Gauss points of a batch, `BatchPoints`."""
+        nodal = local[self.grid.element_unknowns[:, self.batches[number]]]
+        return BatchPoints(self, nodal, increment, number)
+
+    def _collect(self, local, increment, quantity):
+        """Return ``quantity(points)`` of all elements, (..., points, n)."""
+        local = np.where(np.isnan(increment.prescribed), local, increment.prescribed)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            parts = [quantity(self.points(local, increment, number))
+                     for number in range(len(self.batches))]
+        return np.concatenate(parts, axis=-1)
+
+    def stress(self, local, increment):
+        """Return the new stress deviator (3, points, n), stress."""
+        return self._collect(local, increment, lambda p: p.deviator())
+
+    def inertial_number(self, local, increment):
+        """Return I of the plastic rate at the Gauss points, (points, n)."""
+        return self._collect(local, increment, lambda p: p.response.inertial_number)
+
+    def stress_ratio(self, local, increment):
+        """Return mu = tau/P at the Gauss points, (points, n)."""
+        return self._collect(local, increment, lambda p: p.response.stress_ratio)
+
+    def spin(self, velocity, x):
+        """Return the spin (d v2/d x1 - d v1/d x2)/2, (points, n), of a nodal velocity (2, n_nodes).
+
+        ``x`` (2, n_nodes) are the nodes, d.
+        """
+        nodes = self.grid.element_nodes
+        geometry = element.Geometry(x[:, nodes])
+        return (geometry.gradient(velocity[1][nodes])[0]
+                - geometry.gradient(velocity[0][nodes])[1]) / 2.0
+
+    def at_nodes(self, values):
+        """Return nodal values (n_nodes,) of a field at the Gauss points, (points, n).
+
+        The biquadratic through the points of each element, averaged over the
+        elements of a node; complete at owned nodes.
+        """
+        total = self.grid.sum_at_nodes(element.GAUSS_TO_NODES @ values)
+        return total / np.maximum(self.grid.sum_at_nodes(np.ones_like(values)), 1.0)
+
+    def corner_field(self, corners):
+        """Return nodal values (n_nodes,) of a Q1 field given at the corners, (n_corners,).
+
+        Complete at owned nodes, 1 at ghosts that no local element has.
+        """
+        nodal = np.ones(self.grid.nodes.size)
+        nodal[self.grid.element_nodes] = (
+            element.CORNER_AT_NODES @ corners[self.grid.element_corners])
+        return nodal
+
+    def nodal_fields(self, local, increment):
+        """Return ``fluidity``, ``pressure``, ``inertial_number`` and ``stress_ratio`` at the nodes.
+
+        Arrays (n_nodes,), complete at owned nodes. mu comes from the Gauss points by
+        `at_nodes`; for NGF g is nodal and I = g mu/s, for LI both come from the points too.
+        """
+        _, fluidity, corners = self.grid.split(local)
+        pressure = self.corner_field(corners)
+        mu = self.at_nodes(self.stress_ratio(local, increment))
+        if self.grid.has_fluidity:
+            I = fluidity * mu / self.material.inverse_time(pressure)
+        else:
+            fluidity, I = (self.at_nodes(self._collect(local, increment, quantity))
+                           for quantity in (lambda p: p.response.fluidity,
+                                            lambda p: p.response.inertial_number))
+        return {"fluidity": fluidity, "pressure": pressure, "inertial_number": I,
+                "stress_ratio": mu}
+
+    # Residual
+
+    def residual(self, local, rate, increment):
+        """Return the residual of the owned rows, (n_owned,).
+
+        ``local`` are the unknowns and ``rate`` their time derivatives, (n_local,).
+        Rows of prescribed unknowns hold value minus prescribed value.
+        """
+        total = self._forces(local, rate, increment)
+        total[self.held] = (local - increment.prescribed)[self.held]
+        return total[self.grid.owned]
+
+    def reaction(self, local, rate, increment, side):
+        """Return the force (2,) of a side on the owned nodes of the material, stress times d."""
+        grid = self.grid
+        nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
+        velocity, _, _ = grid.split(self._forces(local, rate, increment))
+        return velocity[:, nodes].sum(axis=1)
+
+    def _forces(self, local, rate, increment):
+        """The residual before the rows of prescribed unknowns are replaced, (n_local,)."""
+        grid = self.grid
+        local = np.where(self.held, increment.prescribed, local)
+        if any(self.storage.values()):
+            rate = np.where(self.held, increment.prescribed_rate, rate)
+        total = np.zeros(grid.n_local)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            for number, (batch, sums) in enumerate(zip(self.batches, self._force_sums)):
+                forces = np.empty((len(grid.element_unknowns), batch.stop - batch.start))
+                self._element_forces(local, rate, increment, number, forces)
+                for batch_sum in sums:
+                    batch_sum.add(forces.ravel(), total)
+        velocity, _, _ = grid.split(total)
+        velocity -= increment.load
+        return total
+
+    def _element_forces(self, local, rate, increment, number, out):
+        p, blocks = self.points(local, increment, number), self.grid.blocks
+        unknowns = self.grid.element_unknowns[:, self.batches[number]]
+        s11, s22, s12 = p.deviator()
+        weight = p.geometry.weight
+        slopes = element.SHAPE_SLOPE.reshape(DIM * POINTS, NODES).T
+        case = self.case
+        bodies = None if case.body_force is None else case.body_force(p.x) * weight
+
+        def store(rows, coefficient):
+            rates = element.SHAPE @ rate[unknowns[rows]]
+            out[rows] += element.SHAPE.T @ (coefficient * weight * rates)
+
+        for i, flux in enumerate(((s11 - p.P, s12), (s12, s22 - p.P))):
+            rows = blocks[self.grid.velocities[i]]
+            np.matmul(slopes, p.geometry.pull_back(flux).reshape(DIM * POINTS, -1), out=out[rows])
+            if bodies is not None:
+                out[rows] -= element.SHAPE.T @ bodies[i]
+            if self.storage["velocity"]:
+                store(rows, self.storage["velocity"])
+        if self.grid.has_fluidity:
+            flux = self.material.model.diffusion * p.geometry.gradient(p.nodal_g)
+            source = p.response.source.value
+            if case.fluidity_source is not None:
+                source = source - case.fluidity_source(p.x)
+            out[blocks["g"]] = (slopes @ p.geometry.pull_back(flux).reshape(DIM * POINTS, -1)
+                                + element.SHAPE.T @ (weight * source))
+            if self.storage["fluidity"]:
+                store(blocks["g"], self.storage["fluidity"])
+        out[blocks["P"]] = -element.CORNER_SHAPE.T @ (weight * p.divergence)
+
+    # Jacobian
+
+    def _lay_out_matrices(self):
+        """Lay out the blocks of the element matrices in one array of entries, and the matrices."""
+        grid = self.grid
+        fields = {name: Field(0, number, grid.element_nodes)
+                  for number, name in enumerate(grid.fields)}
+        fields["P"] = Field(1, 0, grid.element_corners)
+        self._rows, groups, count = {}, ([], []), 0
+
+        def add(group, row, column):
+            nonlocal count
+            block = Block(fields[row], fields[column])
+            rows = len(block.row.points) * len(block.column.points)
+            self._rows[row, column] = slice(count, count + rows)
+            count += rows
+            groups[group].append(block)
+
+        for row in grid.fields:
+            for column in (*grid.fields, "P"):
+                add(0, row, column)
+        for column in grid.velocities:
+            add(1, "P", column)
+        self._force_sums = []
+        for batch in self.batches:
+            rows, size = grid.element_unknowns[:, batch], batch.stop - batch.start
+            flow = size * NODES * grid.dof
+            parts = slice(0, flow), slice(flow, None)
+            self._force_sums.append([BatchSum(part, rows.ravel()[part], grid.n_local)
+                                     for part in parts])
+        nodes, corners = (grid.nodes, grid.dof), (grid.corners, 1)
+        self._jacobian = ElementMatrix(grid, [nodes, corners], grid.global_number, groups,
+                                       self.batches, self.held)
+        pressure = Field(0, 0, grid.element_corners)
+        self._mass = ElementMatrix(grid, [corners], grid.corners.dm.getLGMap().indices,
+                                   [[Block(pressure, pressure)]], self.batches,
+                                   self.held[grid.n_flow:])
+
+    def create_matrix(self):
+        """Return an empty parallel matrix (AIJ) with the places of the Jacobian. Collective."""
+        return self._jacobian.create()
+
+    def create_pressure_mass(self):
+        """Return an empty matrix for `pressure_mass`. Collective."""
+        return self._mass.create()
+
+    def jacobian(self, local, shift, increment, matrix):
+        """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective.
+
+        Rows and columns of prescribed unknowns are those of the identity.
+        """
+        local = np.where(self.held, increment.prescribed, local)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self._jacobian.fill(matrix, lambda number, out: self._element_tangents(
+                local, shift, increment, number, out))
+
+    def _element_tangents(self, local, shift, increment, number, out):
+        """The element matrices of a batch, block by block, (entries, n).
+
+        With n = 2 D~/gdot~ and c = d(viscosity)/d(gdot~) gdot~, the stress changes by
+        2 viscosity dD + c n (n:dD) + gdot~ n (viscosity_P dP + viscosity_g dg).
+        """
+        p, rows = self.points(local, increment, number), self._rows
+        viscosity, source, geometry = p.response.viscosity, p.response.source, p.geometry
+        weight, inverse, n = geometry.weight, geometry.inverse, p.elements
+
+        def put(row, column, table, factors):
+            np.matmul(table, factors.reshape(table.shape[1], n), out=out[rows[row, column]])
+
+        def mass(field):
+            """The mass matrix of a field that stores, or None."""
+            coefficient = self.storage[field]
+            return element.VALUE_VALUE @ (coefficient * shift * weight) if coefficient else None
+
+        turned = p.direction_pulled_back()                     # n_ik d xi_r/d x_k
+        viscous = weight * viscosity.value
+        metric = np.einsum("krqe,ksqe->rsqe", inverse, inverse)
+        tangent = weight * viscosity.rate * p.gdot if np.ndim(viscosity.rate) else None
+        inertia = mass("velocity")
+        for i, row in enumerate(self.grid.velocities):
+            for j, column in enumerate(self.grid.velocities):
+                factors = viscous * (inverse[j][:, None] * inverse[i][None, :])
+                if i == j:
+                    factors += viscous * metric
+                if tangent is not None:
+                    factors += tangent * (turned[i][:, None] * turned[j][None, :])
+                put(row, column, element.SLOPE_SLOPE, factors)
+                if i == j and inertia is not None:
+                    out[rows[row, column]] += inertia
+            along = weight * p.gdot * turned[i]
+            put(row, "P", element.SLOPE_CORNER, viscosity.pressure * along - weight * inverse[i])
+            put("P", row, element.CORNER_SLOPE, -weight * inverse[i])
+            if self.grid.has_fluidity:
+                put(row, "g", element.SLOPE_VALUE, viscosity.fluidity * along)
+                put("g", row, element.VALUE_SLOPE, weight * source.rate * turned[i])
+        if self.grid.has_fluidity:
+            put("g", "g", element.SLOPE_SLOPE, self.material.model.diffusion * weight * metric)
+            out[rows["g", "g"]] += element.VALUE_VALUE @ (weight * source.fluidity)
+            if self.storage["fluidity"]:
+                out[rows["g", "g"]] += mass("fluidity")
+            put("g", "P", element.VALUE_CORNER, weight * source.pressure)
+
+    def pressure_mass(self, local, increment, matrix):
+        """Fill ``matrix`` with -(q, P/viscosity), close to the pressure Schur complement.
+
+        Collective. Rows of prescribed pressures are those of the identity, as in the Jacobian.
+        """
+        local = np.where(self.held, increment.prescribed, local)
+
+        def masses(number, out):
+            p = self.points(local, increment, number)
+            np.matmul(element.CORNER_CORNER,
+                      -p.geometry.weight / p.response.viscosity.value, out=out)
+
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self._mass.fill(matrix, masses)
+
+
+class BatchPoints:
+    """Kinematics and response at the Gauss points of a batch of elements.
+
+    Attributes
+    ----------
+    geometry : pgran.space.element.Geometry
+    response : pgran.material.models.Response
+    d11, d22, d12, gdot, P, divergence : ndarray, (points, n)
+        Effective strain rate D + theta S/2 and its size, pressure, and div v.
+    nodal_g : ndarray, (nodes, n), or None
+        Nodal fluidity.
+    """
+
+    def __init__(self, form, nodal, increment, number):
+        grid, batch = form.grid, form.batches[number]
+        self.elements = nodal.shape[1]
+        self.geometry = increment.geometry[batch]
+        base, theta = form.case.base_gradient, increment.theta
+        gradients = [self.geometry.gradient(nodal[grid.blocks[name]]) for name in grid.velocities]
+        l11, l12 = gradients[0] + np.reshape(base[0], (DIM, 1, 1))
+        l21, l22 = gradients[1] + np.reshape(base[1], (DIM, 1, 1))
+        s11, s22, s12 = increment.stress[:, :, batch] * (theta / 2.0)
+        self.divergence = l11 + l22
+        self.d11, self.d22, self.d12 = l11 + s11, l22 + s22, (l12 + l21) / 2.0 + s12
+        self.gdot = np.sqrt(2.0 * (self.d11**2 + self.d22**2) + 4.0 * self.d12**2)
+        self.P = element.CORNER_SHAPE @ nodal[grid.blocks["P"]]
+        self._nodes, self._x = grid.element_nodes[:, batch], increment.x
+        self.nodal_g = nodal[grid.blocks["g"]] if grid.has_fluidity else None
+        fluidity = None if self.nodal_g is None else element.SHAPE @ self.nodal_g
+        self.response = form.material.model.response(
+            form.laws[number], form.material.inverse_time(self.P), self.gdot, self.P, fluidity,
+            theta)
+
+    @property
+    def x(self):
+        """Coordinates of the Gauss points, (2, points, n)."""
+        return element.SHAPE @ self._x[:, self._nodes]
+
+    def deviator(self):
+        """Return sigma' = 2 viscosity D~, (3, points, n): 11, 22, 12."""
+        return 2.0 * self.response.viscosity.value * np.array([self.d11, self.d22, self.d12])
+
+    def direction_pulled_back(self):
+        """Return sum_k n_ik d xi_r/d x_k with n = 2 D~/gdot~ (0 at rest), (2, 2, points, n)."""
+        scale = 2.0 / np.where(self.gdot > 0.0, self.gdot, np.inf)
+        n11, n22, n12 = scale * self.d11, scale * self.d22, scale * self.d12
+        inverse = self.geometry.inverse
+        return np.array([n11 * inverse[0] + n12 * inverse[1],
+                         n12 * inverse[0] + n22 * inverse[1]])

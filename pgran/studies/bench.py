@@ -1,0 +1,175 @@
+"""What do answers and steps cost? bench answer|iterations|size|weak [lists, see jobs/bench/*.sh]
+
+    bench answer [element sizes: "2 1"] [sizes of tight runs: "2 1"]
+    bench iterations [element sizes: "2 1 0.5"] [ranks: "1 2 3 4"]
+    bench size [element sizes: "2 1 0.5"] [ranks: "1 2 3 4"] [sizes of MUMPS: the same]
+    bench weak [ranks: "1 2 4"]
+
+`answer` takes the main job to 10 % compression on two ranks, beside a run with tight tolerances.
+`iterations` counts outer iterations to 1e-6 on the right-hand sides that Newton gives, in one step
+from a state before, during and after localisation, every preconditioner fresh. `size` takes the
+seconds of a Newton iteration and the peak memory in a step from the state at 10 %, by multigrid and
+by MUMPS, with exponents over the sizes. `weak` makes thirty steps from rest with 4800 elements a
+rank. Tables go to results/bench; nothing else should run meanwhile.
+"""
+
+import json
+import subprocess
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..output import band
+from . import launch
+from .table import Table
+
+BENCH = Path("results/bench")
+FILE = "options/biaxial.opts"
+#: Compressions of the states that steps start from: before, during and after localisation.
+STATES = "0.003,0.018,0.03,0.05,0.10"
+BEFORE, DURING, AFTER, LAST = 0, 1, 3, 4
+#: What makes a tight run.
+TIGHT = ("-pgran_step_error", 0.01, "-snes_atol", 1e-7, "-ksp_rtol", 1e-4,
+         "-snes_lag_preconditioner", 1)
+FRESH = "-ksp_rtol", 1e-6, "-snes_lag_preconditioner", 1
+MUMPS = ("-ksp_type", "preonly", "-pc_type", "lu", "-pc_factor_mat_solver_type", "mumps",
+         "-snes_lag_preconditioner", 1)
+#: Seconds that the main job may take, by element size.
+TARGETS = {2.0: 20, 1.0: 90, 0.5: 360, 0.25: 1800}
+#: Width and height, d, that give each rank 4800 elements of 1 d.
+SHAPES = {1: (40, 120), 2: (40, 240), 4: (80, 240), 8: (80, 480), 16: (160, 480), 64: (320, 960),
+          256: (640, 1920)}
+#: Seconds after which a step is given up.
+LIMIT = 1800
+
+
+def step(ranks, name, *options):
+    """Return what one step from the states costs, as `pgran.studies.one_step` says."""
+    states = BENCH / "states.h5"
+    launch.run(states, FILE, "-pgran_snapshots", STATES, *launch.QUIET)
+    made = launch.python(ranks, "-m", "pgran.studies.one_step", "-options_file", FILE,
+                         *launch.QUIET, "-from", states, "-name", name, *options,
+                         stdout=subprocess.PIPE, text=True, timeout=LIMIT)
+    return json.loads(made.stdout)
+
+
+def exponents(unknowns, seconds, memory):
+    """Return how cost grows with size: exponents of time, of its last two sizes, and of memory.
+
+    Parameters
+    ----------
+    unknowns, seconds, memory : sequence, (n,)
+        Over n > 2 sizes; memory in MB.
+
+    Returns
+    -------
+    float, float, float, float
+        The three exponents, and the memory (MB) without unknowns: where the line through the first
+        two sizes begins. The exponent of memory is that of what exceeds it at the other sizes.
+    """
+    N, seconds, memory = (np.asarray(part, dtype=float) for part in (unknowns, seconds, memory))
+    base = memory.min() - (memory[1] - memory[0]) * N[0] / (N[1] - N[0])
+    time = np.polyfit(np.log(N), np.log(seconds), 1)[0]
+    last = np.log(seconds[-1] / seconds[-2]) / np.log(N[-1] / N[-2])
+    space = np.polyfit(np.log(N[1:]), np.log(memory[1:] - base), 1)[0]
+    return time, last, space, base
+
+
+def answer(sizes="2 1", tight="2 1", options=()):
+    """The main job, and how far it is from runs with tight tolerances."""
+    for size in tight.split():
+        launch.run(BENCH / f"tight_{size}.h5", FILE, *launch.QUIET, "-pgran_element_size", size,
+                   *TIGHT, *options, ranks=2)
+    table = Table(BENCH / "answer.csv", {
+        "element (d)": "", "target (s)": "d", "s": ".1f", "MB": ".0f", "steps": "d",
+        "Newton": "d", "linear": "d", "I max": ".4e", "to tight (%)": "+.2f", "angle": ".1f",
+        "width": ".1f", "tight (s)": ".0f"})
+    for size in sizes.split():
+        path, other = (BENCH / f"{name}_{size}.h5" for name in ("answer", "tight"))
+        took = launch.run(path, FILE, *launch.QUIET, "-pgran_element_size", size, *options, ranks=2)
+        row, I, off, spent = band.measure(path)[-1], largest(path), None, None
+        if size in tight.split():
+            off = 100 * (I / largest(other) - 1)
+            with h5py.File(other, "r") as file:
+                spent = file.attrs["seconds"]
+        table.row(size, TARGETS.get(float(size)), *(took[name] for name in (
+            "seconds", "memory", "steps", "newton_iterations", "linear_iterations")), I, off,
+            row["angle"], row["width"], spent)
+
+
+def largest(path):
+    """Return the largest I at the Gauss points in the last step of a result file."""
+    with h5py.File(path, "r") as file:
+        return file["history/inertial_number_max"][-1]
+
+
+def iterations(sizes="2 1 0.5", ranks="1 2 3 4", options=()):
+    """Outer iterations over mesh, ranks and the stage of localisation: mean (most)."""
+    table, means = Table(BENCH / "iterations.csv", {
+        "element (d)": "", "unknowns": "d", "ranks": "", "before": "", "during": "",
+        "after": ""}), []
+    for size in sizes.split():
+        for count in ranks.split():
+            cells = []
+            for state in (BEFORE, DURING, AFTER):
+                found = step(count, state, "-pgran_element_size", size, "-snapshot", state, "-dt",
+                             2e-4, *FRESH, *options)
+                counts = [row["iterations"] for row in found["newton"]]
+                means.append(np.mean(counts))
+                cells.append(f"{means[-1]:.1f} ({max(counts)})")
+            table.row(size, found["unknowns"], count, *cells)
+    print(f"means from {min(means):.1f} to {max(means):.1f}: ratio {max(means) / min(means):.2f}")
+
+
+def size(sizes="2 1 0.5", ranks="1 2 3 4", mumps=None, options=()):
+    """Cost of a step against size and ranks, of multigrid and of MUMPS."""
+    table = Table(BENCH / "size.csv", {
+        "solver": "", "ranks": "d", "element (d)": "g", "unknowns": "d", "Newton": "d",
+        "linear": "d", "step (s)": ".2f", "a Newton iteration (s)": ".3f", "a Jacobian (s)": ".3f",
+        "MB a rank": ".0f"})
+    plan = [("multigrid", count, sizes, ()) for count in ranks.split()] + [
+        ("mumps", count, sizes if mumps is None else mumps, MUMPS) for count in ("1", "2")]
+    lines = []
+    for solver, count, many, more in plan:
+        rows = []
+        for side in many.split():
+            found = step(count, solver, "-pgran_element_size", side, "-snapshot", LAST, "-dt",
+                         3e-4, *more, *options)
+            newton = found["newton"]
+            seconds, jacobian = (np.mean([row[key] for row in newton])
+                                 for key in ("seconds", "jacobian"))
+            rows.append((found["unknowns"], seconds, found["memory"]))
+            table.row(solver, found["ranks"], found["element_size"], found["unknowns"],
+                      len(newton), sum(row["iterations"] for row in newton),
+                      len(newton) * seconds, seconds, jacobian, found["memory"])
+        if len(rows) > 2:
+            time, last, space, base = exponents(*zip(*rows))
+            lines.append(f"{solver}, {count} ranks: time of a Newton iteration ~ N^{time:.2f} (last "
+                         f"two sizes {last:.2f}), memory beyond {base:.0f} MB ~ N^{space:.2f}")
+    print(*lines, sep="\n")
+
+
+def weak(ranks="1 2 4", options=()):
+    """Weak scaling: where there are fewer cores than ranks the iterations say more than seconds."""
+    table = Table(BENCH / "weak.csv", {
+        "ranks": "d", "L x H (d)": "", "Newton": "d", "linear a Newton iteration": ".1f",
+        "s a Newton iteration": ".3f", "MB a rank": ".0f"})
+    for count in map(int, ranks.split()):
+        width, height = SHAPES[count]
+        took = launch.run(BENCH / f"weak_{count}.h5", FILE, *launch.QUIET, "-pgran_width", width,
+                          "-pgran_height", height, "-pgran_element_size", 1, "-ts_max_steps", 30,
+                          *FRESH, *options, ranks=count)
+        newton = took["newton_iterations"]
+        table.row(took["ranks"], f"{width} x {height}", newton, took["linear_iterations"] / newton,
+                  took["seconds"] / newton, took["memory"] / took["ranks"])
+
+
+BENCHES = {"answer": answer, "iterations": iterations, "size": size, "weak": weak}
+
+
+def main(bench, *lists, options=()):
+    """Make one bench."""
+    if bench not in BENCHES:
+        raise ValueError(f"{bench}: allowed is {' | '.join(BENCHES)}")
+    BENCHES[bench](*lists, options=options)

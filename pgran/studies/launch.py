@@ -1,0 +1,161 @@
+"""One run of pgran, unless it is done: launch NAME.h5 FILE.opts [options]
+
+All studies start their runs here. PGRAN_RANKS (2) is the number of ranks of a run. PGRAN_LAUNCH
+takes the place of ``mpiexec -n PGRAN_RANKS``, for example ``srun`` on a cluster, and PGRAN_PYTHON
+that of the Python which runs the study.
+"""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+
+from .. import cases
+from ..options import PREFIX, OptionError, ParameterError, SolutionError, written
+
+#: Ranks of a run unless a study says otherwise.
+RANKS = int(os.environ.get("PGRAN_RANKS", 2))
+#: Rows that do not change a result. The files of restart and seed are compared by their age.
+IGNORED = "output", "progress", "restart", "seed"
+#: Options of runs that only show errors.
+QUIET = "-pgran_progress", "quiet"
+
+
+def python(ranks, *arguments, **more):
+    """Run ``python arguments`` on ranks, with this package; return the finished process.
+
+    Parameters
+    ----------
+    ranks : int
+        0 runs without mpiexec. PGRAN_LAUNCH knows PGRAN_RANKS itself; it is told other numbers.
+    *arguments : object
+        Their texts are passed on.
+    **more
+        Passed to `subprocess.run`, which checks the exit code unless told otherwise.
+    """
+    command = [os.environ.get("PGRAN_PYTHON", sys.executable), *map(str, arguments)]
+    launcher = shlex.split(os.environ.get("PGRAN_LAUNCH", ""))
+    environment = dict(os.environ)
+    if not launcher:
+        # What an MPI that runs already has left behind would confuse another one.
+        environment = {key: value for key, value in environment.items()
+                       if not key.startswith(("OMPI_", "PMIX_", "PRTE_"))}
+    if ranks:
+        count = [] if launcher and ranks == RANKS else ["-n", str(ranks)]
+        command = [*(launcher or ["mpiexec"]), *count, *command]
+    home = str(Path(__file__).resolve().parents[2])
+    environment.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
+                       OMPI_MCA_rmaps_base_oversubscribe="1", OMP_NUM_THREADS="1",
+                       PYTHONPATH=os.pathsep.join(
+                           filter(None, [home, environment.get("PYTHONPATH")])))
+    return subprocess.run(command, env=environment, **{"check": True, **more})
+
+
+def parsed(tokens):
+    """Return {name: text} of options ``-name value``; the last one of a name holds."""
+    texts, name = {}, None
+    for token in map(str, tokens):
+        if re.match("--?[A-Za-z]", token):
+            name = token.lstrip("-")
+            texts[name] = ""
+        elif name:
+            texts[name], name = token, None
+    return texts
+
+
+def asked(options_file, *options):
+    """Return the `pgran.options.Parameters` of an options file and of options that win over it.
+
+    Raises `pgran.options.OptionError` or `pgran.options.ParameterError` where they do not fit
+    together.
+    """
+    path = Path(options_file)
+    if not path.is_file():
+        raise OptionError(f"-options_file {path}: there is no such file")
+    texts = parsed(shlex.split(path.read_text(), comments=True))
+    parameters = cases.read({**texts, **parsed(options)})
+    cases.create(parameters)
+    return parameters
+
+
+def stored(file, name):
+    """Return the number that an open result file stores as the option ``name``."""
+    return float(written(file.attrs["options"])[PREFIX + name])
+
+
+def holds(path, parameters, ignored=IGNORED):
+    """Return whether the options stored in a result file are ``parameters``.
+
+    Rows with the names ``ignored`` are not compared. A file that cannot be read holds nothing.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            theirs = cases.read(written(file.attrs["options"]), stored=True)
+    except (OSError, KeyError, OptionError, ParameterError):
+        return False
+    return all(getattr(theirs, row.name, None) == getattr(parameters, row.name)
+               for row in parameters.rows if row.name not in ignored)
+
+
+def done(path, options_file, options=()):
+    """Return whether a result file is that of a whole run with the options that are asked for.
+
+    All resolved options are compared but `IGNORED`. The file must also be newer than the options
+    file and than the result or mode that the run starts from. PETSc's options, such as -snes_atol,
+    are not stored in result files and not compared: a change of the options file shows in its age,
+    but a change on the command line does not.
+
+    Parameters
+    ----------
+    path : str or Path
+        The result file.
+    options_file : str or Path
+    options : sequence
+        Further options as on the command line, which win over the file.
+    """
+    parameters = asked(options_file, *options)
+    if not holds(path, parameters):
+        return False
+    sources = [name for name in (options_file, parameters.restart, parameters.seed)
+               if name and os.path.exists(name)]
+    with h5py.File(path, "r") as file:
+        return (bool(file.attrs.get("complete", False))
+                and os.path.getmtime(path) >= max(map(os.path.getmtime, sources)))
+
+
+def run(path, options_file, *options, ranks=RANKS, needed=True):
+    """Run pgran to ``path`` unless that is `done`; return the root attributes of the result.
+
+    Parameters
+    ----------
+    path, options_file, *options
+        As for `done`.
+    ranks : int
+    needed : bool
+        Whether a failure is an error; otherwise None is returned.
+
+    Raises
+    ------
+    SolutionError
+        If the run fails. Its own message is on the terminal.
+    """
+    if done(path, options_file, options):
+        print(f"pgran: {path} is in place", file=sys.stderr)
+    else:
+        failed = python(ranks, "-m", "pgran", "-options_file", options_file, *options,
+                        "-pgran_output", path, check=False).returncode
+        if failed and not needed:
+            return None
+        if failed:
+            raise SolutionError(f"{path}: the run ended with exit code {failed}")
+    with h5py.File(path, "r") as file:
+        return dict(file.attrs)
+
+
+def main(path, options_file, options=()):
+    """Make one run, unless it is done."""
+    run(path, options_file, *options)

@@ -1,0 +1,53 @@
+"""The runs of figures 3 to 7 (section 4), and the figure: section4 fig3 ... fig7 [element sizes]
+
+Element sizes such as "2 1 0.5" hold for figures 6 and 7. Results go to PGRAN_RESULTS
+(results/section4), where figures share runs, and the figure to results/figures.
+"""
+
+import os
+from pathlib import Path
+
+from . import launch
+
+RESULTS = Path(os.environ.get("PGRAN_RESULTS", "results/section4"))
+#: Width (d), I0 and element size (d) of the NGF runs, as in the names of their files.
+RUNS = {"fig3": [("40", "0.001", "0.5")],
+        "fig4": [(width, "0.001", "0.5") for width in ("20", "40", "60")],
+        "fig5": [("40", I0, "0.5") for I0 in ("0.001", "0.007", "0.03")]}
+#: The run of figure 3, which goes on to 14 %; figures 4 to 6 share it.
+LONG = RUNS["fig3"][0]
+
+
+def ngf(width, I0, size, *options):
+    """Run NGF to 10 % compression, and the run of figure 3 to 14 %."""
+    end, at = ("0.14", "0.05,0.10,0.14") if (width, I0, size) == LONG else ("0.10", "0.05,0.10")
+    launch.run(RESULTS / f"ngf_L{width}_I{I0}_h{size}.h5", "options/biaxial.opts", "-pgran_width",
+               width, "-pgran_inertial_number", I0, "-pgran_element_size", size,
+               "-pgran_compression", end, "-pgran_snapshots", at, *options)
+
+
+def li(size, *options):
+    """Run LI to 1 % compression."""
+    launch.run(RESULTS / f"li_L40_I0.001_h{size}.h5", "options/li.opts", "-pgran_element_size",
+               size, *options)
+
+
+def runs(figure, sizes, options=()):
+    """Make the runs of a figure."""
+    if figure == "fig7":
+        for size in sizes:
+            li(size, *options)
+        return
+    for run in RUNS.get(figure) or [("40", "0.001", size) for size in sizes]:
+        ngf(*run, *options)
+
+
+def main(figure, sizes="2 1 0.5", options=()):
+    """Make the runs of a figure and draw it."""
+    from .. import figures
+
+    if figure not in (*RUNS, "fig6", "fig7"):
+        raise ValueError(f"{figure}: allowed is fig3 ... fig7")
+    runs(figure, sizes.split(), options)
+    if figures.main([figure, "-results", str(RESULTS)]):
+        raise ValueError(f"{figure} was not drawn")

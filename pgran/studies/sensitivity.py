@@ -1,0 +1,46 @@
+"""How does the band of figure 3 depend on what the paper does not state? sensitivity [directory]
+
+Elastic modulus, step, imperfection, law and plates, on elements of 2 d. Options hold for all runs.
+The table has the band in each snapshot (5 and 10 %) and the cost of each run. Meshes are the matter
+of `pgran.studies.meshes`.
+"""
+
+from pathlib import Path
+
+from ..output import band
+from . import launch
+from .table import COST, Table, cost, result_file
+
+CASES = {
+    "base": (),
+    "G = 100": ("-pgran_shear_modulus", 100),
+    "G = 300": ("-pgran_shear_modulus", 300),
+    "G = 1e4": ("-pgran_shear_modulus", 1e4),
+    "G = 1e5": ("-pgran_shear_modulus", 1e5),
+    "step error halved": ("-pgran_step_error", 0.05),
+    "step error quartered": ("-pgran_step_error", 0.025),
+    "steps up to 1e-3": ("-pgran_step_max", 1e-3),
+    "steps up to 5e-4": ("-pgran_step_max", 5e-4),
+    "imperfection 0.9": ("-pgran_imperfection", 0.9),
+    "imperfection 0.95": ("-pgran_imperfection", 0.95),
+    "imperfection 0.999": ("-pgran_imperfection", 0.999),
+    "weak square of 4 d": ("-pgran_imperfection_size", 4),
+    "mirrored": ("-pgran_imperfection_mirrored", "true"),
+    "Jop": ("-pgran_law", "jop"),
+    "plates that hold": ("-pgran_plates_slip", "false")}
+COLUMNS = {"case": "", "compression": "g", "I max": ".3e", "angle": ".1f", "width": ".1f", **COST}
+
+
+def main(directory="results/sensitivity", options=()):
+    """Make the runs and the table."""
+    table = Table(Path(directory) / "sensitivity.csv", COLUMNS)
+    for name, varied in CASES.items():
+        path = result_file(directory, name)
+        took = launch.run(path, "options/biaxial.opts", *launch.QUIET, *options, *varied,
+                          needed=False)
+        if took is None:
+            table.note(name, "did not come to its end")
+            continue
+        for row in band.measure(path):
+            table.row(name, row["compression"], row["inertial_number_max"], row["angle"],
+                      row["width"], *cost(took))

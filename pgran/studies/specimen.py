@@ -1,0 +1,195 @@
+"""Why does the specimen localise? Growth rates of theory and of runs: specimen [directory]
+
+Fastest growth rates of the linearised step (pgran.growth), extrapolated to a step of zero, over the
+parts of the coupling, H, L, I0, G and inertia. Beside them stand the closed form of the specimen
+with the same G, and a column that creeps (`pgran.theory.specimen`). The last table adds the growth
+of the range of I in nonlinear runs with a faint imperfection, and what the closed form makes of the
+linearised step for the shape that the specimen has by then. mode.png shows the fastest mode.
+"""
+
+import json
+import subprocess
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from .. import cases
+from ..growth import extrapolated
+from ..theory import specimen as theory
+from . import launch
+from .growth import fitted, history
+from .table import Table, result_file
+
+#: Half the range of I over I0 between which growth is fitted, at I0 = 0.001 and above. The first
+#: points fall below yield at 0.04; a smaller I0, with mu - mu_s = b I0, takes them there earlier.
+LINEAR = 0.005, 0.015
+#: Steps that are extrapolated to zero, 1/gdot0; the first table shows some larger ones too.
+STEPS, LARGE = (5e-4, 2.5e-4, 1.25e-4), (2e-3, 1e-3)
+COUPLINGS = ("", "spin", "memory", "spin,memory", "interior", "faces", "geometry",
+             "faces,geometry")
+HEIGHTS = 60, 80, 120, 160, 240
+BASE = "-pgran_element_size", 2
+_SLOW = {"step": 5e-4, "end": 0.05}
+#: Name, options, and arguments of `measured` of the last table. With inertia the pressure mass
+#: matrix is no stand-in for the Schur complement, and loading leaves a pattern of 4 % of I0 that
+#: the mode has to outgrow.
+CASES = (
+    ("L = 40 d, I0 = 0.001, G = 1000", (), {}),
+    ("L = 20 d", ("-pgran_width", 20), _SLOW),
+    ("L = 80 d", ("-pgran_width", 80), {}),
+    ("I0 = 0.0001", ("-pgran_inertial_number", 1e-4), {}),
+    ("I0 = 0.003", ("-pgran_inertial_number", 0.003), _SLOW),
+    ("I0 = 0.007", ("-pgran_inertial_number", 0.007), _SLOW),
+    ("I0 = 0.03", ("-pgran_inertial_number", 0.03), {"step": 1e-3, "end": 0.08}),
+    *((f"G = {G:g}", ("-pgran_shear_modulus", G), {}) for G in (100, 1e4, 1e5)),
+    ("plates hold it", ("-pgran_plates_slip", "false"), {"step": 1e-3, "end": 0.14}),
+    ("with inertia", ("-pgran_inertia", "true"),
+     {"step": 1e-3, "end": 0.07, "solver": "direct", "window": (0.05, 0.15)}))
+
+
+def linearised(*options, steps=STEPS):
+    """Return the fastest growth rates of each step by pgran.growth, a list of complex (n,), gdot0.
+
+    Of a pair of complex rates both have the positive imaginary part.
+    """
+    made = launch.python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts", "-json",
+                         "-dt", ",".join(map(str, steps)), *options, stdout=subprocess.PIPE,
+                         text=True)
+    return [np.array([complex(real, abs(imaginary)) for real, imaginary in row["growth_rates"]])
+            for row in json.loads(made.stdout)]
+
+
+def predicted(*options, steps=STEPS):
+    """Return the fastest growth rates, complex (n,), gdot0, extrapolated to a step of zero."""
+    return at_zero(steps, linearised(*options, steps=steps))
+
+
+def at_zero(steps, rates):
+    """Return the ``rates`` of steps, complex arrays, extrapolated; (n,) for n that all steps have."""
+    found = np.array([row[:min(map(len, rates))] for row in rates])
+    return np.array([complex(*(extrapolated(steps, part) for part in (rate.real, rate.imag)))
+                     for rate in found.T])
+
+
+def arguments(options, stretch=1.0):
+    """Return the parameters of options, and the arguments of the closed forms, or None.
+
+    ``stretch``: how much wider, and shorter, the specimen has become.
+    """
+    parameters = cases.read(launch.parsed(options))
+    given = cases.create(parameters).specimen
+    if given is not None:
+        given.update(width=given["width"] * stretch, height=given["height"] / stretch)
+    return parameters, given
+
+
+def closed_form(options, stretch=1.0, **wave):
+    """Return the growth rate of the closed form with elasticity, gdot0, or None where none holds.
+
+    ``options`` as on the command line, ``stretch`` as for `arguments`, and ``wave`` as for
+    `pgran.theory.specimen.growth_rate`.
+    """
+    parameters, given = arguments(options, stretch)
+    if given is None:
+        return None
+    return complex(theory.growth_rate(**given, shear_modulus=parameters.shear_modulus, **wave))
+
+
+def column(options, half_waves=1):
+    """Return the growth rate of a column that creeps, gdot0, or None where none holds."""
+    given = arguments(options)[1]
+    return None if given is None else theory.column_growth_rate(**given, half_waves=half_waves)
+
+
+def later(options, time):
+    """Return by what factor growth is slower at ``time``, 1/gdot0, for the shape has changed.
+
+    Homogeneous flow makes the specimen exp(time/2) wider and as much shorter.
+    """
+    then, first = closed_form(options, stretch=np.exp(time / 2.0)), closed_form(options)
+    return then.real / first.real
+
+
+def measured(output, *options, imperfection=0.9999, step=2.5e-4, end=0.02, solver="biaxial",
+             window=LINEAR):
+    """Return the growth rate fitted to a nonlinear run, gdot0, and when it was found, 1/gdot0.
+
+    ``end`` is a compression, ``solver`` an options file, and ``window`` that of `fitted`. None and
+    None where nothing grows.
+    """
+    launch.run(output, f"options/{solver}.opts", "-pgran_imperfection", imperfection,
+               "-pgran_step_max", step, "-snes_atol", 1e-7, "-pgran_compression", end,
+               "-pgran_snapshots", end, *launch.QUIET, *options)
+    I0, time, span = history(output)
+    window = [min(1.0, I0 / 0.001) * limit for limit in window]
+    rate = fitted(time, span, window)
+    if rate is None:
+        return None, None
+    return rate, time[np.flatnonzero(span < np.sqrt(window[0] * window[1]))[-1]]
+
+
+def shown(rate):
+    """Return a growth rate as text."""
+    if rate is None:
+        return "-"
+    return f"{rate.real:.1f}" + (f" +- {rate.imag:.1f} i" if abs(rate.imag) > 0.05 else "")
+
+
+def steps_table(directory, *options):
+    """The fastest growth rate over the step, its limit, and what theory says."""
+    table = Table(directory / "steps.csv", {"step": "g", "fastest growth rate": ".1f"})
+    steps = LARGE + STEPS
+    found = linearised(*options, steps=steps)
+    for step, rates in zip(steps, found):
+        table.row(step, rates[0].real)
+    table.row("extrapolated to 0", at_zero(STEPS, found[len(LARGE):])[0].real)
+    table.row("closed form", closed_form(options).real)
+    table.row("column that creeps", column(options))
+
+
+def coupling_table(directory, *options):
+    """The fastest growth rate without parts of the coupling."""
+    table = Table(directory / "coupling.csv", {"left out": "", "fastest growth rate": ""})
+    for without in COUPLINGS:
+        more = ("-without", without) if without else ()
+        table.row(without or "nothing", shown(predicted(*options, *more)[0]))
+
+
+def heights_table(directory, *options):
+    """The two fastest growth rates over the height, beside theory for one and two half waves."""
+    table = Table(directory / "heights.csv", {
+        "H (d)": "d", "linearised step": ".1f", "closed form": ".1f", "second": ".1f",
+        "its closed form": ".1f", "column, n = 1": ".1f", "n = 2": ".1f"})
+    for height in HEIGHTS:
+        more = (*options, "-pgran_height", height)
+        first, second = predicted(*more)[:2].real
+        forms = sorted((closed_form(more, half_waves=n, parity=parity).real
+                        for n, parity in product((1, 2, 3), theory.PARITIES)), reverse=True)
+        table.row(height, first, forms[0], second, forms[1], column(more, 1), column(more, 2))
+
+
+def runs_table(directory, *options):
+    """Linearised step, theory and nonlinear runs."""
+    table = Table(directory / "runs.csv", dict.fromkeys((
+        "case", "linearised step", "closed form", "column", "for the shape then",
+        "nonlinear run"), ""))
+    for name, varied, how in CASES:
+        more = (*options, *varied)
+        found, time = measured(result_file(directory, name), *more, **how)
+        rate, creeping = predicted(*more)[0], column(more)
+        then = rate * later(more, time) if found and creeping else None
+        table.row(name, shown(rate), shown(closed_form(more)), shown(creeping), shown(then),
+                  "none" if found is None else f"{found:.1f}")
+
+
+def main(directory="results/specimen", options=()):
+    """Make the tables, the runs and the picture of the fastest mode."""
+    directory, options = Path(directory), (*BASE, *options)
+    for table in (steps_table, coupling_table, heights_table, runs_table):
+        table(directory, *options)
+        print()
+    mode, steady = directory / "mode.h5", ("-pgran_imperfection", 1, *options)
+    if not launch.done(mode, "options/growth.opts", steady):
+        launch.python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts", *steady,
+                      "-dt", STEPS[0], "-mode", mode)

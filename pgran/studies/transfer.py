@@ -1,0 +1,81 @@
+"""Mesh transfer: the state of a snapshot on a finer mesh, exact for its piecewise polynomials."""
+
+import h5py
+import numpy as np
+
+from ..options import OptionError
+from ..solve.state import State
+from ..space.element import SHAPE, linear, quadratic
+
+
+def along(fine, coarse, index, nodal):
+    """Return the weights (n, m) of the m nodes of a coarse grid at nodes of a fine one, in 1D.
+
+    Parameters
+    ----------
+    fine, coarse : int
+        Numbers of elements; ``coarse`` divides ``fine``.
+    index : ndarray, (n,)
+        Q2 nodes of the fine grid.
+    nodal : callable
+        Nodal functions on two (Q1) or three (Q2) nodes, as `pgran.space.element.linear`.
+    """
+    ratio = 2 * fine // coarse
+    element = np.minimum(index // ratio, coarse - 1)
+    weights = nodal(2.0 * (index - ratio * element) / ratio - 1.0)
+    per_element = weights.shape[1] - 1
+    table = np.zeros((index.size, per_element * coarse + 1))
+    for k in range(per_element + 1):
+        table[np.arange(index.size), per_element * element + k] = weights[:, k]
+    return table
+
+
+def interpolated(form, path, number):
+    """Return the `State` on the grid of ``form`` from a snapshot of a mesh that it divides.
+
+    Parameters
+    ----------
+    form : pgran.space.weakform.WeakForm
+    path : str or Path
+        The result file.
+    number : int
+        Which snapshot; a negative number counts from the end.
+
+    Raises
+    ------
+    OptionError
+        If there is no file, it holds no such snapshot, or its elements are not divided by those of the grid.
+    """
+    if path is None:
+        raise OptionError("-from NAME.h5: a result file is needed")
+    grid = form.grid
+    try:
+        with h5py.File(path, "r") as file:
+            group = file["snapshots"][sorted(file["snapshots"])[number]]
+            fields = {name: group[name][...] for name in (
+                "coordinates", "velocity", "fluidity", "pressure", "deviator")}
+            moment = float(group.attrs["time"])
+    except (OSError, KeyError, IndexError) as problem:
+        raise OptionError(f"-from {path}: no snapshot {number} can be read ({problem})") from None
+    coarse = [(size - 1) // 2 for size in fields["fluidity"].shape[::-1]]
+    if any(n % m for n, m in zip(grid.shape, coarse)):
+        raise OptionError(f"-from {path}: its {coarse[0]} x {coarse[1]} elements are not "
+                          f"divided by the {grid.shape[0]} x {grid.shape[1]} of this grid")
+
+    def at(values, lattice, factor, nodal):
+        (i0, i1), (j0, j1) = ((index.min(), index.max() + 1) for index in (lattice.i, lattice.j))
+        first, second = (along(n, m, factor * np.arange(*span), nodal) for n, m, span in zip(
+            grid.shape, coarse, ((i0, i1), (j0, j1))))
+        values = values.reshape(values.shape[:2] + (-1,))
+        return np.einsum("ja,abc,ib->cji", second, values, first, optimize=True).reshape(
+            values.shape[2], -1)
+
+    def q2(x):
+        return quadratic(x)[0]
+
+    pressure = at(fields["pressure"][::2, ::2], grid.corners, 2, linear)[0]
+    x, velocity, deviator = (at(fields[name], grid.nodes, 1, q2)
+                             for name in ("coordinates", "velocity", "deviator"))
+    fluidity = np.maximum(at(fields["fluidity"], grid.nodes, 1, q2)[0], fields["fluidity"].min())
+    return State(moment, x, grid.join(velocity, fluidity, pressure),
+                 SHAPE @ deviator[:, grid.element_nodes])

@@ -1,0 +1,75 @@
+"""The step controller keeps its promises without a flow."""
+
+import numpy as np
+import pytest
+
+from pgran.solve.controller import StepController
+
+
+def controller(targets=(1.0,), limit=0.1, largest=0.05, growth=1.5, unresolved=1e-4):
+    return StepController(limit, largest, growth, unresolved, targets)
+
+
+def steps(control, departure, first=1e-3, most=10_000):
+    """Return the times that a run visits whose steps depart by ``departure(time, dt)``."""
+    time, dt, times = 0.0, control.start(0.0, first), [0.0]
+    for _ in range(most):
+        while (smaller := control.smaller(dt, departure(time, dt))) is not None:
+            assert smaller < dt
+            dt = smaller
+        time += dt
+        target = control.land(time)
+        time = time if target is None else target
+        times.append(time)
+        if control.finished:
+            return np.array(times)
+        dt = control.next(time, dt, departure(times[-2], dt))
+    raise AssertionError("the run does not end")
+
+
+def test_every_target_is_reached_exactly_and_no_sliver_is_left():
+    targets = (0.1, 0.1003, 0.5, 1.0)
+    times = steps(controller(targets), lambda time, dt: 0.0)
+    assert set(targets) <= set(times)
+    sizes = np.diff(times)
+    # A step is never followed by one that is much smaller because a target is near.
+    assert all(after > 0.3 * before for before, after in zip(sizes, sizes[1:])
+               if before < 1e-4 or after > 3e-4)
+
+
+def test_steps_grow_to_the_largest_one_and_no_faster():
+    sizes = np.diff(steps(controller(growth=1.2), lambda time, dt: 0.0))
+    assert sizes.max() <= 0.05 * (1.0 + 1e-12)
+    assert (sizes[1:] / sizes[:-1]).max() < 1.2 + 1e-9
+    assert len(sizes) < 45
+
+
+def test_departures_stay_within_twice_the_limit():
+    """A growing mode: the departure goes with dt^2, ever faster."""
+    def departure(time, dt):
+        return 40.0 * (1.0 + 5.0 * np.sin(20.0 * time)**2) * dt**2
+
+    times = steps(controller(), departure)
+    found = [departure(time, dt) for time, dt in zip(times, np.diff(times))]
+    assert max(found) <= 0.2
+    assert np.median(found) > 0.02  # and steps are not needlessly small
+
+
+def test_what_is_not_resolved_does_not_shrink_steps():
+    control = controller(unresolved=0.01)
+    assert control.smaller(0.015, 1e6) is None
+    assert control.smaller(0.03, 1e6) == pytest.approx(0.3 * 0.03)
+    assert control.next(0.0, 0.015, 1e6) == pytest.approx(0.01)
+
+
+def test_a_step_cut_to_land_is_followed_by_the_one_that_was_wanted():
+    control = controller(targets=(0.012, 1.0), largest=0.01)
+    assert control.start(0.0, 0.01) == pytest.approx(0.006)  # half of what is left
+    assert control.next(0.006, 0.006, 0.1) == pytest.approx(0.006)
+    assert control.land(0.012) == 0.012
+    assert control.next(0.012, 0.006, 0.1) == pytest.approx(0.01)
+
+
+def test_rounding_does_not_hide_a_target():
+    control = controller(targets=(0.3,))
+    assert control.land(0.1 + 0.2 - 1e-16) == 0.3 and control.finished

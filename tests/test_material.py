@@ -1,0 +1,197 @@
+"""The laws invert each other, derivatives are exact, and the elastic return solves its equation."""
+
+import numpy as np
+import pytest
+
+from conftest import parameters
+
+from pgran import cases
+from pgran.material import elasticity, laws
+from pgran.material.laws.barker_gray import BarkerGray
+from pgran.material.laws.bingham import Bingham
+from pgran.material.laws.jop import Jop
+from pgran.material.models.li import LI
+from pgran.material.models.ngf import NGF
+from pgran.options import ParameterError
+
+RNG = np.random.default_rng(3)
+NON_LOCAL = {"bingham": Bingham(0.3819, 0.9377), "jop": Jop(0.3819, 0.6435, 0.9377)}
+LAWS = {**NON_LOCAL, "barker_gray": BarkerGray(0.3819, 0.6435, 0.279)}
+MODELS = {"ngf": NGF(0.48), "li": LI(0.48)}
+
+
+def random_points(n=200, least=0.0):
+    """gdot, P and g over wide ranges."""
+    return 10.0**RNG.uniform(-1, 1, n), RNG.uniform(0.5, 3.0, n), RNG.uniform(least, 5.0, n)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_law_and_its_inverse_agree(law):
+    I = 10.0**RNG.uniform(-5, 1, 100)
+    mu, mu_slope = law.stress_ratio(I)
+    back, slope = law.inertial_number(mu)
+    # Far above I_0 the Jop law is flat, and its inverse loses the digits that mu_2 - mu loses.
+    np.testing.assert_allclose(back, I, rtol=1e-11 / np.min(mu_slope))
+    np.testing.assert_allclose(slope * mu_slope, 1.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
+def test_nothing_flows_locally_up_to_the_yield_value(law):
+    mu = np.array([0.0, 0.2, law.mu_s])
+    assert (law.inertial_number(mu)[0] == 0.0).all()
+    assert (law.inertial_number(mu)[1] == 0.0).all()
+
+
+def test_cooperativity_lengths_are_those_of_the_paper():
+    mu, mu_s, mu_2 = 0.45, 0.3819, 0.6435
+    assert LAWS["bingham"].inverse_length_squared(mu)[0] == pytest.approx(abs(mu - mu_s))
+    assert LAWS["jop"].inverse_length_squared(mu)[0] == pytest.approx(
+        (mu_2 - mu_s) * abs(mu - mu_s) / (mu_2 - mu))
+    # At a homogeneous state both are A d / sqrt(b I) (appendix B).
+    for law in NON_LOCAL.values():
+        mu = law.stress_ratio(np.asarray(0.05))[0]
+        assert law.inverse_length_squared(mu)[0] == pytest.approx(0.9377 * 0.05)
+
+
+@pytest.mark.parametrize("theta", [0.0, 0.5])
+@pytest.mark.parametrize("model, name", [("ngf", "bingham"), ("ngf", "jop"), ("li", "bingham"),
+                                         ("li", "jop"), ("li", "barker_gray")])
+def test_derivatives_are_those_of_the_values(model, name, theta):
+    law = LAWS[name]
+    gdot, P, g = random_points(least=0.5)
+
+    def answer(gdot, P, g):
+        return MODELS[model].response(law, np.sqrt(P) / 0.1, gdot, P, g, theta)
+
+    with np.errstate(invalid="ignore", divide="ignore"):
+        exact = answer(gdot, P, g)
+        # A law that ends at mu_2 answers nothing beyond; a kink has no derivative.
+        ok = np.isfinite(exact.viscosity.value) & (np.abs(exact.stress_ratio - law.mu_s) > 1e-3)
+        if model == "ngf":
+            ok &= np.isfinite(exact.source.value) & (exact.stress_ratio < 0.6)
+    gdot, P, g = gdot[ok], P[ok], g[ok]
+    exact = answer(gdot, P, g)
+    assert gdot.size > 20
+    for quantity in ("viscosity", "source") if model == "ngf" else ("viscosity",):
+        for number, suffix in enumerate(("rate", "pressure", "fluidity")):
+            if model == "li" and suffix == "fluidity":
+                continue
+            arguments = [np.array([gdot, P, g]) for _ in range(2)]
+            size = 1e-6 * arguments[0][number]
+            arguments[0][number] += size
+            arguments[1][number] -= size
+            high, low = (getattr(answer(*a), quantity).value for a in arguments)
+            slope = getattr(getattr(exact, quantity), suffix) + 0.0 * gdot
+            scale = np.abs(slope).max() + 1.0
+            np.testing.assert_allclose(slope / scale, (high - low) / (2.0 * size) / scale,
+                                       atol=1e-6)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_elastic_return_of_li_shares_the_rate_between_flow_and_elasticity(law):
+    gdot, P, _ = random_points()
+    theta, s = 0.8, np.sqrt(P) / 0.01
+    answer = MODELS["li"].response(law, s, gdot, P, None, theta)
+    plastic = s * answer.inertial_number
+    np.testing.assert_allclose(answer.fluidity * answer.stress_ratio, plastic, rtol=1e-12)
+    np.testing.assert_allclose(plastic + theta * P * answer.stress_ratio, gdot, rtol=1e-9)
+    np.testing.assert_allclose(answer.viscosity.value * gdot, answer.stress_ratio * P, rtol=1e-12)
+
+
+def test_stiff_elasticity_recovers_the_flow_rule():
+    gdot, P, g = random_points(least=0.5)
+    rigid, stiff = (MODELS["ngf"].response(LAWS["bingham"], 10.0, gdot, P, g, theta)
+                    for theta in (0, 1e-10))
+    np.testing.assert_allclose(rigid.viscosity.value, P / g)
+    np.testing.assert_allclose(stiff.viscosity.value, rigid.viscosity.value, rtol=1e-8)
+    np.testing.assert_allclose(rigid.stress_ratio, gdot / g)
+
+
+def test_homogeneous_state_is_the_one_of_section_4():
+    case = cases.create(parameters())
+    material, mu = case.material, 0.3819 + 0.9377 * 0.001
+    assert case.pressure == material.pressure == pytest.approx(1.0 / (1.0 - mu))
+    assert case.fluidity == pytest.approx(1.0 / mu)
+    P = np.array([case.pressure])
+    answer = material.model.response(material.law, material.inverse_time(P), np.array([1.0]), P,
+                                     np.array([case.fluidity]), 0.0)
+    assert answer.source.value[0] == pytest.approx(0.0, abs=1e-12)
+    assert answer.inertial_number[0] == pytest.approx(0.001)
+
+
+def test_inertial_numbers_beyond_plane_strain_are_refused():
+    with pytest.raises(ParameterError, match="inertial_number 1: .* below 1"):
+        cases.create(parameters(inertial_number=1))
+
+
+# The law of Barker and Gray, and the criterion of ill-posedness
+
+@pytest.mark.parametrize("given, I_1, upper, A_minus, regularised", [
+    ((0.342, 0.557, 0.069), "0.00397178", "0.280166", "15642.41", "16.9919"),
+    ((0.3819, 0.6435, 0.279), "0.0193578", "0.85205", "2962.49", "14.9104")])
+def test_barker_gray_has_the_numbers_of_its_design(given, I_1, upper, A_minus, regularised):
+    mu_s, mu_2, I_0 = given
+    jop, law = Jop(mu_s, mu_2, (mu_2 - mu_s) / I_0), BarkerGray(*given)
+
+    def roots(law):
+        return laws.sign_changes(lambda I: laws.ill_posedness(*laws.sensitivity(law, I)),
+                                 1e-12, 1e4)
+
+    def digits(number, text):
+        return f"{number:.{len(text.replace('.', '').lstrip('0'))}g}" == text
+
+    lower, higher = roots(jop)
+    assert digits(lower, I_1) and digits(higher, upper)
+    assert law.I_1 == pytest.approx(lower, rel=1e-14)
+    assert digits(float(law.A_minus), A_minus)
+    end, = roots(law)  # well-posed from 0 on
+    assert digits(end, regularised)
+
+
+def test_barker_gray_is_continuous_and_well_posed_at_rest_only_below_alpha_2():
+    law = LAWS["barker_gray"]
+    below, above = (law.stress_ratio(law.I_1 * (1.0 + e))[0] for e in (-1e-12, 1e-12))
+    assert below == pytest.approx(above, rel=1e-10)
+    I = np.geomspace(1e-300, 1e-200, 5)
+    for alpha, sign in ((1.9, -1.0), (1.99, -1.0), (2.01, 1.0), (2.1, 1.0)):
+        other = BarkerGray(0.3819, 0.6435, 0.279, alpha=alpha)
+        C = laws.ill_posedness(*laws.sensitivity(other, I))
+        assert (np.sign(C) == sign).all()
+
+
+def test_weakened_laws_differ_from_element_to_element():
+    factor = np.array([1.0, 0.99])
+    for law in LAWS.values():
+        mu, _ = law.weakened(factor).stress_ratio(np.full((3, 2), 1e-3))
+        assert (mu[:, 0] == law.stress_ratio(np.asarray(1e-3))[0]).all()
+        assert (mu[:, 1] < mu[:, 0]).all()
+
+
+def test_default_elastic_return_is_the_closed_form():
+    gdot, P, _ = random_points()
+    s = np.sqrt(P) / 0.01
+    for law in NON_LOCAL.values():
+        for theta in (0.0, 1e-4, 1.0, 1e3):
+            flowing = gdot > theta * P * law.mu_s
+            found = laws.Law.elastic_stress_ratio(law, gdot, s, theta * P)
+            exact = law.elastic_stress_ratio(gdot, s, theta * P)
+            np.testing.assert_allclose(found[flowing], exact[flowing], rtol=1e-12)
+
+
+def test_turned_stress_is_that_of_a_turned_tensor():
+    S, angle = np.array([0.3, -0.3, 0.7]), 0.4
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array([[c, -s], [s, c]])
+    turned = R @ np.array([[S[0], S[2]], [S[2], S[1]]]) @ R.T
+    np.testing.assert_allclose(elasticity.rotated(S, angle),
+                               [turned[0, 0], turned[1, 1], turned[0, 1]], rtol=1e-14)
+
+
+def test_stress_rate_is_exact_for_quadratics():
+    def stress(t):
+        return np.full((3, 1), 1.0 + 2.0 * t + 3.0 * t**2)
+
+    factor, S = elasticity.stress_rate(0.2, stress(0.0), 0.1, stress(-0.1))
+    np.testing.assert_allclose(factor * (stress(0.2) - S) / 0.2, 2.0 + 6.0 * 0.2, rtol=1e-13)
+    factor, S = elasticity.stress_rate(0.2, stress(0.0))
+    assert factor == 1.0 and (S == stress(0.0)).all()

@@ -1,0 +1,107 @@
+"""The preconditioner: nested grids are nested, and iterations do not grow with the mesh.
+
+All but the runs work unchanged on any number of ranks.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import ROOT, discretised, pgran, refused, run_ranks
+from mpi4py import MPI
+
+from pgran.space.multigrid import node_level
+
+
+def indices(level):
+    (i0, i1), (j0, j1) = level.range
+    j, i = np.mgrid[j0:j1, i0:i1]
+    return i.ravel(), j.ravel()
+
+
+@pytest.mark.parametrize("names", [["velocity", "fluidity"], ["velocity"], ["fluidity"]])
+def test_interpolation_is_exact_for_free_quadratics_and_keeps_prescribed_unknowns(names):
+    form = discretised(width=6, height=12, element_size=0.5)
+    fine = node_level(form, names)
+    assert fine.coarsenings == 2 and fine.depth == 2
+    for _ in range(2):
+        coarse = fine.coarser()
+        vectors = []
+        for level, spacing in ((fine, 1.0), (coarse, 2.0)):
+            x, y = (spacing * index / 10.0 for index in indices(level))
+            values = (1.0 + x + 2.0 * y - x * y + x**2 * y**2)[:, None] + np.arange(level.dof)
+            vector = level.vector()
+            vector.setArray(np.where(level.held, 0.0, values.ravel()))
+            vectors.append(vector)
+        matrix = coarse.interpolation(fine)
+        found = fine.vector()
+        matrix.mult(vectors[1], found)
+        # Next to a prescribed unknown, interpolation starts from its zero.
+        near = np.zeros(fine.held.size, dtype=bool)
+        j = np.repeat(indices(fine)[1], fine.dof)
+        i = np.repeat(indices(fine)[0], fine.dof)
+        if "velocity" in names:
+            near = (j < 4) | (j > 2 * fine.shape[1] - 4) | ((i < 4) & (j < 4))
+        far = ~near & ~fine.held
+        np.testing.assert_allclose(found.array[far], vectors[0].array[far], rtol=1e-13)
+        assert np.abs(found.array[fine.held]).max(initial=0.0) == 0.0
+        marked = coarse.vector()
+        marked.setArray(np.where(coarse.held, 1.0, 0.0))
+        matrix.mult(marked, found)
+        here = np.repeat((indices(fine)[0] % 2 == 0) & (indices(fine)[1] % 2 == 0), fine.dof)
+        np.testing.assert_array_equal(found.array, np.where(fine.held & here, 1.0, 0.0))
+        fine = coarse
+
+
+def test_interpolation_wraps_around_a_periodic_cell():
+    """A tent at the first coarse node reaches fine nodes on both sides, across the wrap."""
+    form = discretised(case="periodic", cell_elements=8, inertia="true")
+    fine = node_level(form, ["velocity", "fluidity"])
+    coarse = fine.coarser()
+    i, j = indices(coarse)
+    given, found = coarse.vector(), fine.vector()
+    given.setArray(np.repeat(np.where((i == 0) & (j == 0), 1.0, 0.0), 3))
+    coarse.interpolation(fine).mult(given, found)
+    # Corner functions of elements of four fine spacings, over 16 fine nodes a period.
+    across = np.zeros(16)
+    across[:4] = across[[0, -1, -2, -3]] = 1.0, 0.375, 0.0, -0.125
+    i, j = indices(fine)
+    expected = np.repeat(across[i] * across[j], 3)
+    np.testing.assert_allclose(found.array, expected, atol=1e-15)
+    wrapped = fine.comm.tompi4py().allreduce(
+        int(np.count_nonzero(np.repeat(i > 8, 3) & (found.array != 0.0))), MPI.SUM)
+    assert wrapped > 10
+
+
+def test_odd_elements_end_the_coarsening_with_a_clear_error(tmp_path):
+    done = pgran(2, "biaxial.opts", tmp_path / "x.h5", "-pgran_element_size", 4,
+                 "-fieldsplit_0_pc_mg_levels", 4, check=False)
+    refused(done, "-pc_mg_levels: too many, as 5 x 15 elements cannot be halved")
+
+
+@pytest.fixture(scope="module")
+def states(tmp_path_factory):
+    """Snapshots before, during and after localisation."""
+    path = tmp_path_factory.mktemp("states") / "states.h5"
+    pgran(2, "biaxial.opts", path, "-pgran_compression", 0.03,
+          "-pgran_snapshots", "0.003,0.018,0.03")
+    return path
+
+
+@pytest.mark.parametrize("snapshot", [0, 1, 2])
+def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
+    most = {}
+    for size, ranks in ((2, 1), (2, 3), (1, 2)):
+        done = run_ranks(ranks, "-m", "pgran.studies.one_step", "-options_file",
+                         ROOT / "options" / "biaxial.opts", "-from", states, "-snapshot", snapshot,
+                         "-pgran_element_size", size, "-dt", 2e-4, "-ksp_rtol", 1e-6,
+                         "-snes_lag_preconditioner", 1)
+        newton = json.loads(done.stdout)["newton"]
+        most[size, ranks] = max(row["iterations"] for row in newton)
+    assert max(most.values()) <= 18  # 13 to 16 are measured (docs/performance.md)
+    assert max(most.values()) <= 1.3 * min(most.values()), most
+
+
+def test_a_split_of_fields_that_a_model_lacks_is_refused(tmp_path):
+    done = pgran(2, "biaxial.opts", tmp_path / "x.h5", "-pgran_model", "li", limit=60, check=False)
+    refused(done, "fields 2: the fields of this model are 0 velocity, 1 pressure")

@@ -1,0 +1,262 @@
+"""The specimen in closed form: known numbers, and a transfer matrix of 170 digits."""
+
+import mpmath
+import numpy as np
+import pytest
+
+from pgran.material.laws.barker_gray import BarkerGray
+from pgran.material.laws.bingham import Bingham
+from pgran.material.laws.jop import Jop
+from pgran.theory import specimen
+from pgran.theory.specimen import PARITIES, column_growth_rate, growth_rate, mode
+
+BINGHAM, JOP = Bingham(0.3819, 0.9377), Jop(0.3819, 0.6435, 0.9377)
+SPECIMEN = {"inertial_number": 0.001, "width": 40.0, "height": 120.0}
+#: phi rho_s = phi I0^2 P0 at phi = 0.6 and I0 = 0.001.
+DENSITY = 0.6 * 0.001**2 / (1.0 - 0.3819 - 0.9377 * 0.001)
+
+
+def rate(law=BINGHAM, model="ngf", **more):
+    return growth_rate(law, model, **{**SPECIMEN, **more})
+
+
+class Transfer:
+    """The theory once more, as first-order equations y' = M y across the whole width.
+
+    y = v1, v2, sigma_11, sigma_12, g', g',1, for LI without the last two. exp(M L) takes the left
+    face to the right one, and the conditions at both faces fix y and the displacements. It knows
+    neither parity nor roots, and P' comes from the equations as they stand in (2.3) to (2.7).
+    """
+
+    def __init__(self, law, model, r, *, inertial_number, width, height, half_waves=1,
+                 parity="sway", amplitude=0.48, density=0.0, shear_modulus=None):
+        mu = float(law.stress_ratio(np.asarray(inertial_number))[0])
+        I, slope = (mpmath.mpf(float(part)) for part in law.inertial_number(np.asarray(mu)))
+        self.k, self.L = half_waves * mpmath.pi / height, mpmath.mpf(width)
+        self.sign, self.nonlocal_ = (1 if parity == "sway" else -1), model == "ngf"
+        mu, k = mpmath.mpf(mu), self.k
+        P, s = 1 / (1 - mu), 1 / mpmath.mpf(inertial_number)
+        tau, g = mu * P, s * I / mu
+        self.load, self.r = 2 * tau * k, mpmath.mpmathify(r)
+        memory = self.r / (2 * mpmath.mpf(shear_modulus)) if shear_modulus else mpmath.mpf(0)
+        turn = tau / mpmath.mpf(shear_modulus) if shear_modulus else mpmath.mpf(0)
+        # mu' = (tau' - mu P')/P and g_loc' = g P'/(2 P) + rise mu'.
+        rise = s * (slope - I / mu) / mu
+        local = np.array([rise / P, g / (2 * P) - rise * mu / P])           # of tau', P'
+        # D11 = (g tau/P)'/2 + memory tau', of tau', P', g'.
+        D11 = np.array([g / (2 * P) + memory, -g * tau / (2 * P**2), tau / (2 * P)])
+        zero = mpmath.mpf(0)
+        rows = {name: np.array([zero] * 6) for name in ("v1", "v2", "n", "s", "g", "slope")}
+        unit = {name: np.array([mpmath.mpf(int(i == j)) for j in range(6)])
+                for i, name in enumerate(rows)}
+        if not self.nonlocal_:  # g' = g_loc'
+            D11 = np.array([*(D11[:2] + D11[2] * local), zero])
+        # D11 = -k v2 and tau' = sigma_11 + P' give P'.
+        pressure = (-k * unit["v2"] - D11[0] * unit["n"] - D11[2] * unit["g"]) / (D11[0] + D11[1])
+        shear = unit["n"] + pressure
+        c = mpmath.mpf(float(law.inverse_length_squared(np.asarray(float(mu)))[0]))
+        rho = mpmath.mpf(density)
+        rows["v1"] = -k * unit["v2"]
+        # 2 D12 = v2,1 - k v1 and 2 w = -k v1 - v2,1.
+        rows["v2"] = ((1 - turn) * k * unit["v1"]
+                      + (g / P + 2 * memory) * unit["s"]) / (1 + turn)
+        rows["n"] = rho * (self.r + mpmath.mpf(1) / 2) * unit["v1"] - k * unit["s"]
+        rows["s"] = (rho * (self.r - mpmath.mpf(1) / 2) * unit["v2"]
+                     - k * (pressure + shear))
+        rows["g"] = unit["slope"]
+        rows["slope"] = k**2 * unit["g"] + c / mpmath.mpf(amplitude)**2 * (
+            unit["g"] - local[0] * shear - local[1] * pressure)
+        size = 6 if self.nonlocal_ else 4
+        self.M = mpmath.matrix([list(row[:size]) for row in list(rows.values())[:size]])
+        self.pressure, self.local, self.shear = pressure, local, shear
+        self.size = size
+
+    def solve(self):
+        """Return y (size,) at the left face for a right face displaced by 1."""
+        over = mpmath.expm(self.M * self.L, method="taylor")
+        # At the left face v1, v2 and, for NGF, g' are unknown, sigma_12 = load sign, others 0.
+        unknown = [0, 1, 4] if self.nonlocal_ else [0, 1]
+        wanted = [(2, 0), (3, self.load), (5, 0)] if self.nonlocal_ else [(2, 0), (3, self.load)]
+        known = self.load * self.sign
+        left = mpmath.matrix([[over[i, j] for j in unknown] for i, _ in wanted])
+        right = mpmath.matrix([value - over[i, 3] * known for i, value in wanted])
+        found = mpmath.lu_solve(left, right)
+        y = mpmath.matrix(self.size, 1)
+        y[3] = known
+        for j, value in zip(unknown, found):
+            y[j] = value
+        return y
+
+    def excess(self):
+        """Return v1/zeta + 1/2 - r of the left face."""
+        return self.solve()[0] / self.sign + mpmath.mpf(1) / 2 - self.r
+
+    def fields(self, places):
+        """Return v1, v2, P', g' at ``places`` from the middle, (4, m)."""
+        start, found = self.solve(), []
+        for x in places:
+            y = mpmath.expm(self.M * (self.L / 2 + mpmath.mpf(float(x))), method="taylor") * start
+            state = np.array([*y, *[mpmath.mpf(0)] * (6 - self.size)])
+            P, tau = self.pressure @ state, self.shear @ state
+            g = y[4] if self.nonlocal_ else self.local @ np.array([tau, P])
+            found.append([complex(part) for part in (y[0], y[1], P, g)])
+        return np.array(found).T
+
+
+@pytest.fixture(autouse=True)
+def many_digits():
+    with mpmath.workdps(170):  # layers grow by exp(130) across the widest specimen
+        yield
+
+
+def exact(law, model, guess, arguments):
+    """The root of `Transfer.excess` next to ``guess``."""
+    def excess(r):
+        return Transfer(law, model, r, **arguments).excess()
+
+    if not arguments.get("density") and not arguments.get("shear_modulus"):
+        return complex(excess(mpmath.mpf(0)))
+    guess = mpmath.mpmathify(guess)
+    return complex(mpmath.findroot(excess, (guess, guess * (1 + mpmath.mpf(10)**-6)),
+                                   solver="secant", tol=1e-30))
+
+
+@pytest.mark.parametrize("height, half_waves, parity, expected", [
+    (60.0, 1, "sway", 50.60), (80.0, 1, "sway", 140.80), (120.0, 1, "sway", 413.17),
+    (160.0, 1, "sway", 799.4), (240.0, 1, "sway", 1906.3), (60.0, 2, "barrel", 16.495),
+    (80.0, 2, "barrel", 26.75)])
+def test_known_growth_rates(height, half_waves, parity, expected):
+    found = rate(height=height, half_waves=half_waves, parity=parity)
+    assert found == pytest.approx(expected, rel=2e-4)
+
+
+CASES = [
+    (BINGHAM, "ngf", {}),
+    (BINGHAM, "ngf", {"parity": "barrel", "half_waves": 2}),
+    (BINGHAM, "ngf", {"inertial_number": 0.0169, "height": 61.0, "parity": "barrel"}),
+    (BINGHAM, "ngf", {"inertial_number": 1e-4, "width": 100.0, "height": 50.0}),
+    (BINGHAM, "ngf", {"height": 4000.0}),
+    (BINGHAM, "ngf", {"amplitude": 5.0, "height": 30.0}),
+    (JOP, "ngf", {"inertial_number": 0.05}),
+    (BINGHAM, "li", {}),
+    (JOP, "li", {"inertial_number": 0.03, "parity": "barrel", "half_waves": 3}),
+    (BINGHAM, "ngf", {"density": DENSITY}),
+    (BINGHAM, "ngf", {"density": DENSITY, "parity": "barrel"}),
+    (BINGHAM, "ngf", {"density": DENSITY, "parity": "barrel", "width": 120.0, "height": 57.0}),
+    (BINGHAM, "ngf", {"shear_modulus": 100.0}),
+    (BINGHAM, "ngf", {"shear_modulus": 10.0, "height": 80.0}),
+    (BINGHAM, "li", {"shear_modulus": 100.0}),
+    (BINGHAM, "li", {"shear_modulus": 1000.0, "density": DENSITY}),
+    (JOP, "ngf", {"shear_modulus": 1000.0, "density": 100 * DENSITY, "inertial_number": 0.01}),
+]
+
+
+@pytest.mark.parametrize("law, model, more", CASES, ids=str)
+def test_growth_rates_are_those_of_a_transfer_matrix(law, model, more):
+    found = rate(law, model, **more)
+    expected = exact(law, model, found, {**SPECIMEN, **more})
+    assert abs(found - expected) < 1e-9 * abs(expected)
+
+
+def test_digits_stay_where_roots_of_the_characteristic_equation_meet():
+    """They meet between H = 20 and 25 d: complex below, real above."""
+    def roots(height):
+        across = specimen._Across.of(BINGHAM, "ngf", 0.001, 40.0, height, 1, "sway", 0.48, 0.0, None)
+        return specimen._roots(across.polynomials(0.0)[-1])
+
+    low, high = 10.0, 25.0
+    for _ in range(60):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if abs(roots(middle).imag).max() > 0.0 else (low, middle)
+    first, second, _ = sorted(roots(low), key=abs)
+    assert abs(first - second) < 1e-6 * abs(first)
+    found = rate(height=low)
+    assert found == pytest.approx(exact(BINGHAM, "ngf", found, {**SPECIMEN, "height": low}).real,
+                                  rel=1e-9)
+
+
+@pytest.mark.parametrize("law, model, more", [
+    CASES[0], CASES[1], CASES[3], CASES[7], CASES[10], CASES[12], CASES[15]], ids=str)
+def test_modes_are_those_of_a_transfer_matrix(law, model, more):
+    arguments = {**SPECIMEN, **more}
+    half = arguments["width"] / 2.0
+    x = half * np.array([-1.0, -0.97, -0.4, 0.0, 0.7, 0.99, 1.0])
+    found = mode(x, law, model, **arguments)
+    expected = Transfer(law, model, found.growth_rate, **arguments).fields(x)
+    computed = np.array([*found.velocity, found.pressure, found.fluidity])
+    assert np.isrealobj(computed) == np.isrealobj(found.growth_rate)
+    scale = np.abs(expected).max(axis=1, keepdims=True)
+    assert np.abs((computed - expected) / scale).max() < 1e-8
+
+
+@pytest.mark.parametrize("parity, sign", [("sway", 1.0), ("barrel", -1.0)])
+def test_a_mode_has_its_parity_and_displaces_the_right_face_by_one(parity, sign):
+    found = mode(np.array([-20.0, -7.0, 7.0, 20.0]), BINGHAM, "ngf", parity=parity, **SPECIMEN)
+    v1, v2 = found.velocity
+    assert v1[-1] + 0.5 == pytest.approx(found.growth_rate, rel=1e-9)
+    for field, even in ((v1, sign), (v2, -sign), (found.pressure, -sign), (found.fluidity, -sign)):
+        np.testing.assert_allclose(field, even * field[::-1], rtol=1e-9)
+
+
+def test_half_waves_of_a_tall_specimen_are_those_of_a_short_one():
+    for more in ({}, {"density": DENSITY}, {"shear_modulus": 300.0}):
+        assert rate(height=360.0, half_waves=3, **more) == pytest.approx(rate(**more), rel=1e-9)
+
+
+def test_little_inertia_and_elasticity_change_little():
+    rigid = rate()
+    assert rate(shear_modulus=np.inf) == rigid
+    for more in ({"density": 1e-14}, {"shear_modulus": 1e9}):
+        assert rate(**more) == pytest.approx(rigid, rel=1e-5)
+
+
+def test_elasticity_raises_growth_until_the_specimen_buckles_at_once():
+    rates = [rate(shear_modulus=G) for G in (1e5, 1e3, 100.0, 10.0, 6.0)]
+    assert rates == sorted(rates)
+    with pytest.raises(ValueError, match="buckles elastically, at once"):
+        rate(shear_modulus=4.0)
+
+
+def test_inertia_makes_a_barrel_oscillate():
+    found = rate(density=DENSITY, parity="barrel")
+    assert found.real < 0.0 < found.imag
+
+
+@pytest.mark.parametrize("model", ["ngf", "li"])
+def test_a_slender_specimen_sways_as_a_column_that_creeps(model):
+    for density in (0.0, 1e-12):
+        wide = {"inertial_number": 0.001, "width": 100.0, "height": 6000.0, "density": density}
+        assert rate(model=model, **wide) == pytest.approx(
+            column_growth_rate(BINGHAM, model, **wide), rel=0.01)
+    assert column_growth_rate(BINGHAM, "ngf", **SPECIMEN) == pytest.approx(457.8, abs=0.05)
+
+
+@pytest.mark.parametrize("more, message", [
+    ({"model": "ig"}, "model ig: allowed is ngf | li"),
+    ({"parity": "left"}, "parity left: allowed is sway | barrel"),
+    ({"half_waves": 0}, "half waves 0: allowed is an integer >= 1"),
+    ({"half_waves": 1.5}, "half waves 1.5: allowed is an integer >= 1"),
+    ({"width": 0.0}, "width 0.0: allowed is a number > 0"),
+    ({"height": -1.0}, "height -1.0: allowed is a number > 0"),
+    ({"height": float("nan")}, "height nan: allowed is a number > 0"),
+    ({"inertial_number": 0.0}, "inertial number 0.0: allowed is a number > 0"),
+    ({"inertial_number": 1.0}, "mu_loc(I0) is 1.32, and plane-strain compression needs it"),
+    ({"amplitude": 0.0}, "amplitude 0.0: allowed is a number > 0"),
+    ({"density": -1.0}, "density -1.0: allowed is a number >= 0"),
+    ({"shear_modulus": 0.5}, "shear modulus 0.5: allowed is a number above mu P0, 0.6203"),
+    ({"law": BarkerGray(0.342, 0.557, 0.069)}, "the law BarkerGray has no cooperativity length")],
+    ids=str)
+def test_bad_arguments_are_refused(more, message):
+    with pytest.raises(ValueError) as error:
+        rate(**more)
+    assert message in str(error.value)
+
+
+def test_places_outside_the_specimen_are_refused():
+    with pytest.raises(ValueError, match="between -L/2 and L/2"):
+        mode(np.array([20.1]), BINGHAM, "ngf", **SPECIMEN)
+
+
+def test_a_law_without_cooperativity_length_serves_li():
+    law = BarkerGray(0.342, 0.557, 0.069)
+    assert all(np.isfinite(rate(law, "li", parity=parity)) for parity in PARITIES)
