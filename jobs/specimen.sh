@@ -3,7 +3,7 @@
 #
 #   bash jobs/specimen.sh [directory: results/specimen]
 #
-# SPECIMENCOST
+# About a quarter of an hour on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
 exec "$python" -m pgran.studies specimen "$@"

@@ -11,7 +11,7 @@ import resource
 import sys
 import time
 
-from .cli import start, steady
+from .cli import solver_options, start, steady
 
 
 def main(arguments):
@@ -67,7 +67,7 @@ def run(parameters, own, comm):
                 writer.snapshot(driver.state.time, driver.fields())
 
     driver = Driver(form, first, observe, is_steady)
-    writer = Writer(parameters.output, form)
+    writer = Writer(parameters.output, form, {"solver_options": solver_options()})
     terminal.opening(form, driver.ts)
     if writer.kept:
         terminal.say(f"  an earlier {writer.path} is kept as {writer.kept}")

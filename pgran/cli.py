@@ -202,3 +202,13 @@ def steady():
     if kind not in (PETSc.TS.Type.BEULER, PETSc.TS.Type.PSEUDO):
         raise OptionError(f"-ts_type {kind}: allowed is beuler | pseudo")
     return kind == PETSc.TS.Type.PSEUDO
+
+
+def solver_options():
+    """Return the options of PETSc that were given, as the lines of an options file."""
+    from petsc4py import PETSc
+
+    database = PETSc.Options()
+    return "".join(f"-{name} {database.getString(name, '')}".rstrip() + "\n"
+                   for name in sorted(database.getAll())
+                   if not name.startswith(options.PREFIX) and name != "options_file")

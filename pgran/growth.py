@@ -14,8 +14,6 @@ creeps are printed beside it.
 import json
 import sys
 
-import numpy as np
-
 from .cli import JSON, own, start
 from .options import OptionError
 
@@ -33,14 +31,6 @@ ROWS = (
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
     return start(arguments, run, __doc__, ROWS, slepc=True)
-
-
-def extrapolated(steps, rates):
-    """Return rates extrapolated to a step of zero by the polynomial through all points.
-
-    ``steps`` (n,) in 1/gdot0, ``rates`` (n,) in gdot0. The error of a step goes with its size.
-    """
-    return float(np.polynomial.polynomial.polyfit(steps, rates, len(steps) - 1)[0])
 
 
 def run(parameters, asked, comm):
@@ -76,7 +66,7 @@ def run(parameters, asked, comm):
         print(f"  dt {row['dt']:.3g}: {shown or 'no multiplier converged'}")
     first = [row["growth_rates"][0][0] for row in rows if row["growth_rates"]]
     if len(first) == len(rows) > 1:
-        print(f"  extrapolated to a step of zero: {extrapolated(asked.dt, first):.6g}")
+        print(f"  extrapolated to a step of zero: {linearised.extrapolated(asked.dt, first):.6g}")
     if not without:
         compare(form.case)
     if files:

@@ -54,8 +54,7 @@ class ParameterError(ValueError):
 
 
 class SolutionError(RuntimeError):
-    """A run cannot go on. Its message names parameters as ``@name``, and those of PETSc as ``@@name``.
-    """
+    """A run cannot go on; the message names parameters as ``@name``, and PETSc's as ``@@name``."""
 
     def as_option(self):
         """Return the message with the names that the options have on the command line."""
@@ -97,6 +96,8 @@ class Option:
         What the name on the command line begins with.
     words : str
         What is accepted, where the other attributes do not say it.
+    needs : str
+        The option without which this one means nothing.
     """
 
     name: str
@@ -114,6 +115,7 @@ class Option:
     shared: tuple = ()
     prefix: str = PREFIX
     words: str = ""
+    needs: str = ""
 
     @property
     def allowed(self):
@@ -221,10 +223,11 @@ RUN = (
     Option("restart", "str", None, "", "result file whose snapshot gives geometry and fields "
            "(only with -ts_type pseudo)"),
     Option("restart_snapshot", "int", -1, "", "which snapshot of that file; a negative number "
-           "counts from the end"),
+           "counts from the end", needs="restart"),
     Option("seed", "str", None, "", "file of a mode, as pgran.eigen writes it; the run starts from "
            "the reference flow plus this mode"),
-    positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode"),
+    positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode",
+             needs="seed"),
     positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "
              "last two states: that of the velocity is taken relative to its departure from the "
              "reference flow, that of the stress deviator relative to the yield stress; a step "
@@ -400,11 +403,15 @@ def read(given, kinds, stored=False):
         if not owners:
             raise OptionError(f"-{PREFIX}{name} {text}: no such option; {hint(name, rows)}")
         if not stored:
-            raise OptionError(f"-{PREFIX}{name} {text}: this option belongs to {' and '.join(owners)}, "
-                              "which this run does not use")
+            raise OptionError(f"-{PREFIX}{name} {text}: this option belongs to "
+                              f"{' and '.join(owners)}, which this run does not use")
     parameters = Parameters(rows.values(), parts, **values)
     for part in parts.values():
         part.resolve(parameters, {name for name in texts if name in rows})
+    for row in rows.values():
+        value = getattr(parameters, row.name)
+        if row.needs and value != row.default and getattr(parameters, row.needs) is None:
+            raise ParameterError(row.name, value, f"means nothing without @{row.needs}")
     if parameters.step_first and parameters.step_first < parameters.step_min:
         raise ParameterError("step_first", parameters.step_first,
                              f"must not lie below @step_min {parameters.step_min}")

@@ -53,7 +53,7 @@ def discretised(**options):
 
 
 def at_rest(form, x, theta, time=0.0, stress=None):
-    """Return the `Increment` on a mesh ``x`` with rates of zero; without old stress unless given."""
+    """Return the `Increment` on a mesh ``x``, with rates of zero and an old stress of zero."""
     return form.increment(x, form.no_stress() if stress is None else stress, theta, time)
 
 

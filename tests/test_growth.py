@@ -9,7 +9,7 @@ from conftest import ROOT, discretised, parameters, refused, run_ranks
 
 from pgran import cases
 from pgran.options import SolutionError
-from pgran.solve.linearised import LinearisedStep
+from pgran.solve.linearised import LinearisedStep, extrapolated
 from pgran.studies import specimen
 from pgran.theory.specimen import column_growth_rate, growth_rate
 
@@ -36,7 +36,7 @@ def test_growth_rates_do_not_depend_on_the_ranks():
 
 def test_nothing_grows_where_the_mesh_takes_no_part():
     found = rates(1, "-dt", "5e-4", "-without", "faces,geometry")[5e-4]
-    assert all(real < 1.0 for real, _ in found)
+    assert found and all(real < 1.0 for real, _ in found)
 
 
 def test_a_nonlinear_run_grows_as_the_linearised_step_says(tmp_path):
@@ -74,7 +74,7 @@ petsc4py.init()
 from petsc4py import PETSc
 from pgran import cases
 from pgran.space.weakform import discretise
-from pgran.solve.linearised import LinearisedStep
+from pgran.solve.linearised import LinearisedStep, extrapolated
 solve, calls = LinearisedStep._newton, []
 def uneven(self, *arguments):
     calls.append(1)
@@ -83,10 +83,12 @@ def uneven(self, *arguments):
 LinearisedStep._newton = uneven
 given = {"pgran_element_size": "8", "pgran_imperfection": "1"}
 LinearisedStep(discretise(cases.read(given), PETSc.COMM_WORLD), 1e-3)
-print(len(calls), flush=True)
+counts = PETSc.COMM_WORLD.tompi4py().gather(len(calls))
+if counts:
+    print(*counts)
 """
     counts = run_ranks(2, "-c", code, limit=60).stdout.split()
-    assert len(counts) == 2 and counts[0] == counts[1] and int(counts[0]) > 2
+    assert counts == ["3", "3"]
 
 
 def test_every_eigenvalue_comes_with_its_residual():
@@ -100,8 +102,6 @@ def test_every_eigenvalue_comes_with_its_residual():
 @pytest.mark.parametrize("options", [{"height": 60}, {"height": 120}, {"inertial_number": 0.03}],
                          ids=str)
 def test_the_linearised_step_goes_to_the_closed_form(options):
-    from pgran.growth import extrapolated
-
     steps = 5e-4, 2.5e-4, 1.25e-4
     given = [text for name, value in options.items() for text in (f"-pgran_{name}", value)]
     found = rates(1, "-pgran_element_size", 2, "-pgran_shear_modulus", 1e6, "-dt",

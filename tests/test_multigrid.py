@@ -44,6 +44,9 @@ def test_interpolation_is_exact_for_free_quadratics_and_keeps_prescribed_unknown
             near = (j < 4) | (j > 2 * fine.shape[1] - 4) | ((i < 4) & (j < 4))
         far = ~near & ~fine.held
         np.testing.assert_allclose(found.array[far], vectors[0].array[far], rtol=1e-13)
+        comm = fine.comm.tompi4py()
+        assert comm.allreduce(int(far.sum())) > 0.5 * comm.allreduce(far.size)
+        assert comm.allreduce(int(fine.held.sum())) > 0 or names == ["fluidity"]
         assert np.abs(found.array[fine.held]).max(initial=0.0) == 0.0
         marked = coarse.vector()
         marked.setArray(np.where(coarse.held, 1.0, 0.0))

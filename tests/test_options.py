@@ -50,6 +50,9 @@ def test_names_that_others_rely_on_are_there():
      "of -pgran_b"),
     ({"pgran_imperfection": "1", "pgran_imperfection_mirrored": "true"},
      "-pgran_imperfection_mirrored True: there is no weak square with -pgran_imperfection 1"),
+    ({"pgran_seed_size": "0.1"}, "-pgran_seed_size 0.1: means nothing without -pgran_seed"),
+    ({"pgran_restart_snapshot": "0"}, "-pgran_restart_snapshot 0: means nothing without "
+     "-pgran_restart"),
     ({"pgran_step_min": "1"}, "-pgran_step_min 1.0: must lie below -pgran_step_max 0.01"),
     ({"pgran_body_force": "1"}, "-pgran_body_force 1: allowed is 2 numbers"),
     ({"pgran_snapshots": "0.05,1.2"}, "-pgran_snapshots 0.05,1.2: allowed is a list of numbers"),
@@ -100,7 +103,8 @@ def test_resolving_options_needs_neither_petsc_nor_mpi():
     (["-options_file", "options/none.opts"], "-options_file options/none.opts: there is no such"),
     (["-ts_type", "euler"], "-ts_type euler: allowed is beuler | pseudo"),
     (["-pgran_output", "/proc/none/x.h5"], "-pgran_output /proc/none/x.h5: "),
-    (["-pgran_law", "barker_gray"], "-pgran_model ngf: -pgran_law barker_gray has no cooperativity"),
+    (["-pgran_law", "barker_gray"],
+     "-pgran_model ngf: -pgran_law barker_gray has no cooperativity"),
 ])
 def test_bad_runs_stop_on_all_ranks_with_one_message(arguments, message, tmp_path):
     done = run_ranks(2, "-m", "pgran", "-pgran_output", tmp_path / "x.h5", *arguments,
@@ -192,8 +196,8 @@ def test_a_case_is_one_new_file(tmp_path):
 
 @pytest.mark.parametrize("name", ["planar_shear", "power_law"])
 def test_worked_examples_run_from_outside_the_package(tmp_path, name):
-    done = pgran(2, f"{name}.opts", tmp_path / "x.h5", limit=120,
-                 *(("-pgran_element_size", 4) if name == "power_law" else ()))
+    coarse = ("-pgran_element_size", 4) if name == "power_law" else ()
+    done = pgran(2, f"{name}.opts", tmp_path / "x.h5", *coarse, limit=120)
     assert "docs/examples/" in done.stdout
 
 

@@ -142,7 +142,8 @@ def test_both_laws_and_models_follow_the_deformation(tmp_path, law, model, modul
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_weak_form_and_multigrid_tests_pass_on_ranks(ranks):
     run_ranks(ranks, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_weakform.py",
-              "tests/test_multigrid.py", "-k", "not tmp_path and not states and not refused")
+              "tests/test_multigrid.py", "-k",
+              "not odd_elements and not iterations and not a_split")
 
 
 def test_fieldsplit_and_direct_reach_the_same_answer(tmp_path):
@@ -301,7 +302,8 @@ def test_periodic_cell_keeps_homogeneous_flow(tmp_path, model, law, inertia):
     path = tmp_path / "cell.h5"
     pgran(2, "periodic.opts", path, "-pgran_model", model, "-pgran_law", law, "-pgran_inertia",
           inertia, "-pgran_width", 40, "-pgran_height", 40, "-pgran_cell_elements", 4,
-          "-pgran_imperfection", 1, "-pgran_inertial_number", 0.03, "-pgran_end_time", 0.02)
+          "-pgran_imperfection", 1, "-pgran_inertial_number", 0.03,
+          "-pgran_end_time", -2.0 * np.log(0.99))
     _, fields = snapshot(path)
     np.testing.assert_allclose(fields["inertial_number"], 0.03, rtol=0.02)
     x = fields["coordinates"]
@@ -320,8 +322,8 @@ def test_mirrored_imperfection_gives_the_mirrored_band(tmp_path):
 
 
 def test_an_eigenvector_grows_at_its_eigenvalue(tmp_path):
-    rate, settings = growth.eigenmode(tmp_path / "mode.h5", 8)
-    growth.grow(tmp_path / "mode.h5", settings, tmp_path / "growth.h5", 0.008, *growth.EXPONENTIAL)
+    rate, options = growth.eigenmode(tmp_path / "mode.h5", 8)
+    growth.grow(tmp_path / "mode.h5", options, tmp_path / "growth.h5", 0.008, *growth.EXPONENTIAL)
     _, time, span = growth.history(tmp_path / "growth.h5")
     assert growth.fitted(time, span) == pytest.approx(rate, rel=0.02)
 

@@ -161,7 +161,8 @@ def test_growth_rates_are_those_of_a_transfer_matrix(law, model, more):
 def test_digits_stay_where_roots_of_the_characteristic_equation_meet():
     """They meet between H = 20 and 25 d: complex below, real above."""
     def roots(height):
-        across = specimen._Across.of(BINGHAM, "ngf", 0.001, 40.0, height, 1, "sway", 0.48, 0.0, None)
+        across = specimen._Across.of(BINGHAM, "ngf", 0.001, 40.0, height, 1, "sway", 0.48, 0.0,
+                                     None)
         return specimen._roots(across.polynomials(0.0)[-1])
 
     low, high = 10.0, 25.0

@@ -1,6 +1,6 @@
-"""A Newton iteration and its assembly beside compiled code, in one run on the same ranks.
+r"""A Newton iteration and its assembly beside compiled code, in one run on the same ranks.
 
-    mpiexec -n 2 python jobs/bench/compiled.py -options_file options/biaxial.opts \\
+    mpiexec -n 2 python jobs/bench/compiled.py -options_file options/biaxial.opts \
         -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 [-dt 1e-3]
 
 The compiled code is the same weak form written in UFL, compiled by FFCx and assembled by
@@ -70,7 +70,7 @@ def compiled(case, ranks):
         part = space.sub(0).sub(component)
         collapsed, _ = part.collapse()
         dofs = fem.locate_dofs_geometrical((part, collapsed), (
-            lambda x: np.isclose(x[1], edge)) if edge is not None else (
+            lambda x, edge=edge: np.isclose(x[1], edge)) if edge is not None else (
             lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0)))
         held.append(fem.dirichletbc(fem.Function(collapsed), dofs, part))
     A, f = fem.petsc.create_matrix(tangent), fem.petsc.create_vector(form)

@@ -1,6 +1,6 @@
-"""The fastest mode of the periodic cell beside one factorisation and ten solutions, in one run.
+r"""The fastest mode of the periodic cell beside one factorisation and ten solutions, in one run.
 
-    mpiexec -n 2 python jobs/bench/eigenvalue.py -options_file options/eigen.opts \\
+    mpiexec -n 2 python jobs/bench/eigenvalue.py -options_file options/eigen.opts \
         -pgran_cell_elements 64 -eps_nev 1
 
 Prints seconds of one MUMPS factorisation of the shifted matrix with ten solutions, of the

@@ -1,6 +1,6 @@
 """Print the tables of all options in Markdown: python -m pgran.cases"""
 
-from . import KINDS
 from ..options import markdown
+from . import KINDS
 
 print(markdown(KINDS), end="")

@@ -74,13 +74,16 @@ class Biaxial(PureShear):
 
     @property
     def shape(self):
+        """Return the number of elements along x1 and x2."""
         return self._shape
 
     def coordinates(self, i, j):
+        """Return the initial coordinates (2, n) of nodes, d."""
         half = self.parameters.element_size / 2.0
         return np.array([i * half, j * half])
 
     def prescribed_velocity(self, time, i, j):
+        """Return the velocities (2, n) of plates and pinned corner; not numbers where free."""
         values = np.full((2, i.size), np.nan)
         values[1, j == 0] = 0.0
         values[0, (i == 0) & (j == 0)] = 0.0
@@ -92,17 +95,21 @@ class Biaxial(PureShear):
         return values
 
     def tractions(self, time):
+        """Return the lateral stress on both faces."""
         return {"left": pressure(1.0), "right": pressure(1.0)}
 
     def start(self, x):
+        """Return the reference flow without fluidity, with the lateral stress as pressure."""
         velocity, fluidity, pressure = self.reference(x)
         return velocity, np.zeros_like(fluidity), np.ones_like(pressure)
 
     def reference(self, x):
+        """Return homogeneous compression, v = (x1/2, -x2/2), with g0 and P0."""
         _, fluidity, pressure = super().reference(x)
         return np.array([0.5 * x[0], -0.5 * x[1]]), fluidity, pressure
 
     def yield_factor(self, i, j):
+        """Return mu_s of elements over its nominal value, (n,)."""
         nx, ny = self.shape
         if self.parameters.imperfection_mirrored:
             i = nx - 1 - i
@@ -111,12 +118,15 @@ class Biaxial(PureShear):
         return np.where(weak, self.parameters.imperfection, 1.0)
 
     def count(self, time):
+        """Return the compression 1 - h/H, h = H exp(D2 t)."""
         return 1.0 - np.exp(-0.5 * time)
 
     def time_at(self, count):
+        """Return the time at which a compression is reached."""
         return -2.0 * np.log(1.0 - count)
 
     def label(self, time):
+        """Return the compression in words."""
         return f"{100 * self.count(time):.4g} % compression"
 
     def observe(self, flow):

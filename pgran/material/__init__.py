@@ -1,4 +1,4 @@
-"""What the material answers at a point: laws, models and elasticity; numpy alone."""
+"""What the material answers at a point: laws, models and elasticity; numpy only."""
 
 from dataclasses import dataclass
 
@@ -60,5 +60,5 @@ class Material:
 
     @property
     def bulk_density(self):
-        """phi rho_s, stress/(d gdot0)^2."""
+        """Phi rho_s, stress/(d gdot0)^2."""
         return self.phi * self.inertial_time**2

@@ -1,4 +1,4 @@
-"""The stiff Maxwell element in time: how stress turns, and its rate over a step; numpy alone."""
+"""The stiff Maxwell element in time: how stress turns, and its rate over a step; numpy only."""
 
 import numpy as np
 

@@ -8,16 +8,20 @@ from pathlib import Path
 
 import h5py
 import matplotlib
+import matplotlib.ticker
 import numpy as np
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.pyplot as plt
 
-from ..material.laws.bingham import Bingham  # noqa: E402
-from ..material.laws.jop import Jop  # noqa: E402
-from ..theory import specimen, waves  # noqa: E402
-from ..theory.waves import BASE_FLOWS, Coefficients  # noqa: E402
-from ..theory.waves import PURE_SHEAR as PURE  # noqa: E402
+from ..material.laws.bingham import Bingham
+from ..material.laws.jop import Jop
+from ..theory import specimen, waves
+from ..theory.waves import (
+    BASE_FLOWS,
+    PURE_SHEAR as PURE,
+    Coefficients,
+)
 
 #: The paper's glass beads, as the captions of its figures state them.
 MU_S, MU_2, B, A, PHI = 0.3819, 0.6435, 0.9377, 0.48, 0.6
@@ -69,7 +73,7 @@ def fig1(save):
         data[f"growth_rate_{model}"] = rate
         points = _spectra(Path("results") / f"spectra_{model}.csv")
         if points is not None:
-            # In the colours of the contours: a point that agrees is seen by its rim alone.
+            # In the colours of the contours: of a point that agrees only the rim is seen.
             computed = points["computed"] / float(
                 waves.viscous_rate(coefficients.mu, A, PHI, 0.001))
             shades = GREYS(np.clip(1.0 + computed / 0.04, 0.0, 1.0))
@@ -232,7 +236,44 @@ def fig9(save):
     save(figure, data, table)
 
 
-FIGURES = {"fig1": fig1, "fig2": fig2, "fig8": fig8, "fig9": fig9}
+#: Width and inertial numbers of the figure of the specimen, and the aspect ratios that it marks.
+WIDTH, INERTIAL_NUMBERS, MARKED = 40.0, (1e-4, 1e-3, 3e-3, 1e-2, 3e-2), (1.5, 3.0, 6.0)
+
+
+def specimen_rates(save):
+    """Growth rates of a specimen of 40 d over n pi L/H, for both parities and several I0."""
+    wave = np.geomspace(0.25, 12.0, 400)
+    figure, axes = plt.subplots(1, 2, figsize=(10.0, 4.2), constrained_layout=True)
+    shades = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, len(INERTIAL_NUMBERS)))
+    data, table = {"n_pi_L_over_H": wave}, []
+    for axis, parity, title in zip(axes, specimen.PARITIES, (
+            "both faces the same way (sway)", "faces opposite ways (barrel)")):
+        for I0, shade in zip(INERTIAL_NUMBERS, shades):
+            def rate(height, I0=I0, parity=parity):
+                return specimen.growth_rate(BINGHAM, "ngf", inertial_number=I0, width=WIDTH,
+                                            height=height, parity=parity)
+
+            rates = data[f"{parity}_{I0:g}"] = np.array([rate(np.pi * WIDTH / k) for k in wave])
+            axis.plot(wave, rates, color=shade, label=f"$I^0$ = {I0:g}")
+            table.append((f"{parity}, I0 = {I0:g}: growth rate at H = 3 L, n = 1 (gdot0)", "-",
+                          float(rate(3.0 * WIDTH))))
+        axis.set(xscale="log", xlim=(wave[0], wave[-1]), title=title, xlabel=r"$n\pi L/H$",
+                 xticks=[0.3, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0])
+        axis.xaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
+        axis.xaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
+    sway, barrel = axes
+    sway.set(yscale="log", ylim=(0.4, 1e4), ylabel=r"growth rate / $\dot\gamma^0$")
+    for ratio in MARKED:
+        sway.axvline(np.pi / ratio, color="0.75", linewidth=0.8, zorder=0)
+        sway.text(np.pi / ratio, 0.46, f" H = {ratio:g} L", rotation=90, fontsize=7, color="0.4",
+                  va="bottom", ha="right")
+    barrel.set_ylim(-45.0, 45.0)
+    barrel.axhline(0.0, color="0.6", linewidth=0.8)
+    sway.legend(fontsize=8)
+    save(figure, data, table)
+
+
+FIGURES = {"fig1": fig1, "fig2": fig2, "fig8": fig8, "fig9": fig9, "specimen": specimen_rates}
 
 
 def draw(names, directory, results):

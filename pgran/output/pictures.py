@@ -10,7 +10,7 @@ import numpy as np
 if not os.environ.get("DISPLAY") and ctypes.util.find_library("OSMesa"):
     # Without a screen VTK tries X first and complains: name the renderer that needs none.
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
-import pyvista  # noqa: E402
+import pyvista
 
 
 def surface(coordinates, fields):

@@ -98,8 +98,7 @@ def one_band(panel):
 
 
 def dashed_lines(panel):
-    """Return points and slopes of the lines of the linear theory: along the band, or for LI across.
-    """
+    """Return points and slopes of the lines of the theory: along the band, or for LI across."""
     x, band = panel["x"], panel["band"]
     middle, slope = (x[..., 0].min() + x[..., 0].max()) / 2.0, np.tan(np.radians(ANGLE))
     if panel["options"].get("pgran_model") == "li":
@@ -180,9 +179,10 @@ def falls(panel):
 
 
 def mesh_rows(shown):
-    """Return rows of a table that compare successive meshes, by `pgran.output.band.mesh_differences`.
+    """Return rows of a table that compare successive meshes.
 
-    A band that falls towards the right is mirrored first: either direction may come out.
+    See `pgran.output.band.mesh_differences`. A band that falls towards the right is mirrored first,
+    because either direction may come out.
     """
     table = []
     for coarse, fine, row in zip(shown, shown[1:], bands.mesh_differences(

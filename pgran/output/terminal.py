@@ -10,8 +10,12 @@ from .. import __version__
 class Terminal:
     """Reports a run: what is solved, how far it is, and where the results are.
 
-    ``detail`` is 'steps' (a line for each step), 'brief' (a line for each fiftieth of
-    the run or half minute, so that a log file stays short) or 'quiet'.
+    Parameters
+    ----------
+    comm : PETSc.Comm
+    detail : str
+        steps (a line for each step), brief (a line for each fiftieth of the run or half minute, so
+        that a log file stays short) or quiet.
     """
 
     def __init__(self, comm, detail):

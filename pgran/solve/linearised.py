@@ -166,6 +166,14 @@ def fastest_modes(form, dt, without=(), count=4):
     return sorted(found, key=lambda mode: -mode[0].real)
 
 
+def extrapolated(steps, rates):
+    """Return rates extrapolated to a step of zero by the polynomial through all points.
+
+    ``steps`` (n,) in 1/gdot0, ``rates`` (n,) in gdot0. The error of a step goes with its size.
+    """
+    return float(np.polynomial.polynomial.polyfit(steps, rates, len(steps) - 1)[0])
+
+
 def write_mode(path, form, rate, mode, shown, option):
     """Write a mode of `fastest_modes` as a result file. Collective.
 

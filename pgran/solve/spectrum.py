@@ -127,7 +127,7 @@ def spectrum(parameters, comm, k=None, sought=None):
             if k is not None:
                 harmonic, share = name_of(form, mode)
                 if harmonic == (0, 0):
-                    continue  # a translation of the whole cell, of which lambda = 0 says nothing
+                    continue  # a translation of the whole cell: lambda = 0 says nothing about it
                 analytic = float(theory(parameters, np.array(harmonic) * k))
                 row.update(harmonic=harmonic, share=share, analytic=analytic,
                            relative_error=abs(value - analytic) / abs(analytic))

@@ -22,9 +22,14 @@ from .element import CORNERS, DIM, NODES, SIDE_NODES
 class Lattice:
     """One DMDA: the Q2 nodes or the corners, as this rank sees them.
 
-    Local points are the owned ones and their ghosts, x1 fastest. ``i`` and ``j``
-    (n,) are their global indices (below zero or beyond the end where periodic),
-    ``owned`` (n_owned,) the local positions of the owned ones in global order.
+    Local points are the owned ones and their ghosts, x1 fastest.
+
+    Attributes
+    ----------
+    i, j : ndarray, (n,)
+        Global indices of the local points, below zero or beyond the end where periodic.
+    owned : ndarray, (n_owned,)
+        Local positions of the owned points in global order.
     """
 
     def __init__(self, comm, shape, periodic, parts, per_element, dof):

@@ -36,8 +36,14 @@ class Block(NamedTuple):
 class BatchSum:
     """Adds some of the numbers of a batch to an array, each at its place.
 
-    Parameters: ``chosen``, a slice or the positions (n,) of the numbers; ``places`` (n,) in the
-    array, the array's length or more for numbers that are left out; ``length`` of the array.
+    Parameters
+    ----------
+    chosen : slice or ndarray, (n,)
+        Positions of the numbers in the batch.
+    places : ndarray, (n,)
+        Their places in the array; its length or more for numbers that are left out.
+    length : int
+        Length of the array.
     """
 
     def __init__(self, chosen, places, length):

@@ -1,7 +1,7 @@
 """The unknowns as PETSc's preconditioners see them: fields by name, and coarser grids.
 
-The fields velocity, fluidity and pressure can be split alone or joined, and a block
-of velocity and fluidity knows its coarser grids, so that options alone choose the
+The fields velocity, fluidity and pressure can be split one by one or joined. A block
+of velocity and fluidity knows its coarser grids. Options therefore suffice to choose the
 preconditioner::
 
     -pc_type fieldsplit -pc_fieldsplit_0_fields 0,1 -pc_fieldsplit_1_fields 2
@@ -28,9 +28,9 @@ COARSEST = 8.5
 def field_shell(form):
     """Return a DM that knows the fields by name and the coarser grids of a block. Collective.
 
-    PCFIELDSPLIT takes its splits from this DM: alone by name, or joined by number with
+    PCFIELDSPLIT takes its splits from this DM: one by one by name, or joined by number with
     ``-pc_fieldsplit_0_fields 0,1``; the prefixes are those of PETSc. Corrections of coarser
-    grids leave the prescribed unknowns alone.
+    grids do not change the prescribed unknowns.
     """
     grid = form.grid
     return _shell(grid.comm, grid.field_sets(), grid.create_vector(),
@@ -51,7 +51,7 @@ def node_level(form, names):
     side = np.diff(form.case.coordinates(np.array([0, 2]), np.array([0, 2]))).max()
     level.depth = max(1, min(level.coarsenings,
                              int(np.log2(COARSEST * form.material.model.length / side))))
-    level.alone = level.coarsenings == 0
+    level.single = level.coarsenings == 0
     return level
 
 
@@ -75,14 +75,32 @@ def configure(ksp, form):
 class NodeLevel:
     """The Q2 nodes of one grid of a hierarchy, numbered as the unknowns of a block are.
 
-    Parameters: ``shape`` elements, ``periodic`` two bools, ``starts`` the first node
-    index of each part of the ranks and the end, in x1 and x2; ``dof`` unknowns of a
-    node; ``held`` (n_owned,), node by node, which of them are prescribed. A rank owns
-    the coarse nodes that coincide with its fine ones. ``depth``: how many coarser levels
-    are worth having; ``alone``: an odd grid, whose one coarser level is the grid itself.
+    A rank owns the coarse nodes that coincide with its fine ones.
+
+    Parameters
+    ----------
+    comm : PETSc.Comm
+    shape : tuple of int
+        Elements along x1 and x2.
+    periodic : tuple of bool
+    starts : list of ndarray
+        First node index of each part of the ranks, and the end, in x1 and x2.
+    dof : int
+        Unknowns of a node.
+    held : ndarray of bool, (n_owned,)
+        Which unknowns are prescribed, node by node.
+
+    Attributes
+    ----------
+    depth : int
+        How many coarser levels are worth having.
+    single : bool
+        Whether the grid is odd; its one coarser level is then the grid itself.
+    ratio : int
+        Nodes of the finer level to one of this level, in one direction.
     """
 
-    depth, alone, ratio = 0, False, 1
+    depth, single, ratio = 0, False, 1
 
     def __init__(self, comm, shape, periodic, starts, dof, held):
         self.comm, self.shape, self.periodic, self.starts = comm, shape, periodic, starts
@@ -98,11 +116,11 @@ class NodeLevel:
         return min((n & -n).bit_length() - 1 for n in self.shape)
 
     def coarser(self):
-        """Return the `NodeLevel` of elements twice as large. Raises `ParameterError` if they are odd.
+        """Return the `NodeLevel` of elements twice as large. Collective.
 
-        Collective.
+        Raises `ParameterError` if the numbers of elements are odd.
         """
-        if self.alone:
+        if self.single:
             return NodeLevel(self.comm, self.shape, self.periodic, self.starts, self.dof,
                              self.held)
         if not self.coarsenings:

@@ -49,7 +49,7 @@ def step(ranks, name, *options):
     states = BENCH / "states.h5"
     launch.run(states, FILE, "-pgran_snapshots", STATES, *launch.QUIET)
     made = launch.python(ranks, "-m", "pgran.studies.one_step", "-options_file", FILE,
-                         *launch.QUIET, "-from", states, "-name", name, *options,
+                         *launch.QUIET, *options, "-from", states, "-name", name,
                          stdout=subprocess.PIPE, text=True, timeout=LIMIT)
     return json.loads(made.stdout)
 
@@ -76,18 +76,18 @@ def exponents(unknowns, seconds, memory):
     return time, last, space, base
 
 
-def answer(sizes="2 1", tight="2 1", options=()):
+def answer(sizes="2 1", tight="2 1", *, options=()):
     """The main job, and how far it is from runs with tight tolerances."""
     for size in tight.split():
-        launch.run(BENCH / f"tight_{size}.h5", FILE, *launch.QUIET, "-pgran_element_size", size,
-                   *TIGHT, *options, ranks=2)
+        launch.run(BENCH / f"tight_{size}.h5", FILE, *launch.QUIET, *options,
+                   "-pgran_element_size", size, *TIGHT, ranks=2)
     table = Table(BENCH / "answer.csv", {
         "element (d)": "", "target (s)": "d", "s": ".1f", "MB": ".0f", "steps": "d",
         "Newton": "d", "linear": "d", "I max": ".4e", "to tight (%)": "+.2f", "angle": ".1f",
         "width": ".1f", "tight (s)": ".0f"})
     for size in sizes.split():
         path, other = (BENCH / f"{name}_{size}.h5" for name in ("answer", "tight"))
-        took = launch.run(path, FILE, *launch.QUIET, "-pgran_element_size", size, *options, ranks=2)
+        took = launch.run(path, FILE, *launch.QUIET, *options, "-pgran_element_size", size, ranks=2)
         row, I, off, spent = band.measure(path)[-1], largest(path), None, None
         if size in tight.split():
             off = 100 * (I / largest(other) - 1)
@@ -104,7 +104,7 @@ def largest(path):
         return file["history/inertial_number_max"][-1]
 
 
-def iterations(sizes="2 1 0.5", ranks="1 2 3 4", options=()):
+def iterations(sizes="2 1 0.5", ranks="1 2 3 4", *, options=()):
     """Outer iterations over mesh, ranks and the stage of localisation: mean (most)."""
     table, means = Table(BENCH / "iterations.csv", {
         "element (d)": "", "unknowns": "d", "ranks": "", "before": "", "during": "",
@@ -113,8 +113,8 @@ def iterations(sizes="2 1 0.5", ranks="1 2 3 4", options=()):
         for count in ranks.split():
             cells = []
             for state in (BEFORE, DURING, AFTER):
-                found = step(count, state, "-pgran_element_size", size, "-snapshot", state, "-dt",
-                             2e-4, *FRESH, *options)
+                found = step(count, state, *options, "-pgran_element_size", size, "-snapshot",
+                             state, "-dt", 2e-4, *FRESH)
                 counts = [row["iterations"] for row in found["newton"]]
                 means.append(np.mean(counts))
                 cells.append(f"{means[-1]:.1f} ({max(counts)})")
@@ -122,7 +122,7 @@ def iterations(sizes="2 1 0.5", ranks="1 2 3 4", options=()):
     print(f"means from {min(means):.1f} to {max(means):.1f}: ratio {max(means) / min(means):.2f}")
 
 
-def size(sizes="2 1 0.5", ranks="1 2 3 4", mumps=None, options=()):
+def size(sizes="2 1 0.5", ranks="1 2 3 4", mumps=None, *, options=()):
     """Cost of a step against size and ranks, of multigrid and of MUMPS."""
     table = Table(BENCH / "size.csv", {
         "solver": "", "ranks": "d", "element (d)": "g", "unknowns": "d", "Newton": "d",
@@ -134,8 +134,8 @@ def size(sizes="2 1 0.5", ranks="1 2 3 4", mumps=None, options=()):
     for solver, count, many, more in plan:
         rows = []
         for side in many.split():
-            found = step(count, solver, "-pgran_element_size", side, "-snapshot", LAST, "-dt",
-                         3e-4, *more, *options)
+            found = step(count, solver, *options, "-pgran_element_size", side, "-snapshot", LAST,
+                         "-dt", 3e-4, *more)
             newton = found["newton"]
             seconds, jacobian = (np.mean([row[key] for row in newton])
                                  for key in ("seconds", "jacobian"))
@@ -145,21 +145,22 @@ def size(sizes="2 1 0.5", ranks="1 2 3 4", mumps=None, options=()):
                       len(newton) * seconds, seconds, jacobian, found["memory"])
         if len(rows) > 2:
             time, last, space, base = exponents(*zip(*rows))
-            lines.append(f"{solver}, {count} ranks: time of a Newton iteration ~ N^{time:.2f} (last "
-                         f"two sizes {last:.2f}), memory beyond {base:.0f} MB ~ N^{space:.2f}")
+            lines.append(f"{solver}, {count} ranks: time of a Newton iteration ~ N^{time:.2f} "
+                         f"(last two sizes {last:.2f}), memory beyond {base:.0f} MB ~ "
+                         f"N^{space:.2f}")
     print(*lines, sep="\n")
 
 
-def weak(ranks="1 2 4", options=()):
+def weak(ranks="1 2 4", *, options=()):
     """Weak scaling: where there are fewer cores than ranks the iterations say more than seconds."""
     table = Table(BENCH / "weak.csv", {
         "ranks": "d", "L x H (d)": "", "Newton": "d", "linear a Newton iteration": ".1f",
         "s a Newton iteration": ".3f", "MB a rank": ".0f"})
     for count in map(int, ranks.split()):
         width, height = SHAPES[count]
-        took = launch.run(BENCH / f"weak_{count}.h5", FILE, *launch.QUIET, "-pgran_width", width,
-                          "-pgran_height", height, "-pgran_element_size", 1, "-ts_max_steps", 30,
-                          *FRESH, *options, ranks=count)
+        took = launch.run(BENCH / f"weak_{count}.h5", FILE, *launch.QUIET, *options,
+                          "-pgran_width", width, "-pgran_height", height, "-pgran_element_size", 1,
+                          "-ts_max_steps", 30, *FRESH, ranks=count)
         newton = took["newton_iterations"]
         table.row(took["ranks"], f"{width} x {height}", newton, took["linear_iterations"] / newton,
                   took["seconds"] / newton, took["memory"] / took["ranks"])

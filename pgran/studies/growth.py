@@ -46,13 +46,13 @@ def eigenmode(path, elements, *more):
         return float(file.attrs["growth_rate"]), written(file.attrs["options"])
 
 
-def grow(mode, settings, output, end, *more):
+def grow(mode, given_options, output, end, *more):
     """Run the nonlinear solver with inertia from a mode to the time ``end``, 1/gdot0.
 
-    ``settings`` are the texts that `eigenmode` returns.
+    ``given_options`` are the texts that `eigenmode` returns.
     """
     kept = ("width", "height", "inertial_number", "cell_elements")
-    given = [text for name in kept for text in (f"-{PREFIX}{name}", settings[PREFIX + name])]
+    given = [text for name in kept for text in (f"-{PREFIX}{name}", given_options[PREFIX + name])]
     launch.run(output, "options/periodic.opts", *given, "-pgran_inertia", "true",
                "-pgran_imperfection", 1, "-pgran_seed", mode, "-pgran_seed_size", SEED,
                "-pgran_step_first", STEP, "-pgran_end_time", end, *launch.QUIET, *more)
@@ -82,14 +82,14 @@ def fitted(time, span, window=LINEAR):
     return float(np.polyfit(time[first:last], np.log(span[first:last]), 1)[0])
 
 
-def main(directory="results/growth", options=()):
+def main(directory="results/growth", *, options=()):
     """Make the mode, the runs, the table and the picture."""
     directory, curves = Path(directory), []
     table = Table(directory / "rates.csv", COLUMNS)
-    rate, settings = eigenmode(directory / "mode.h5", ELEMENTS, *options)
+    rate, given_options = eigenmode(directory / "mode.h5", ELEMENTS, *options)
     for name, end, how in RUNS:
         path = directory / f"{name}.h5"
-        grow(directory / "mode.h5", settings, path, end, *how, *options)
+        grow(directory / "mode.h5", given_options, path, end, *options, *how)
         _, time, span = history(path)
         found, G = fitted(time, span), how[1]
         table.row(ELEMENTS, G, rate, found, 100 * (found / rate - 1) if found else None,

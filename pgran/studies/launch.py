@@ -21,23 +21,15 @@ from ..options import PREFIX, OptionError, ParameterError, SolutionError, writte
 RANKS = int(os.environ.get("PGRAN_RANKS", 2))
 #: Rows that do not change a result. The files of restart and seed are compared by their age.
 IGNORED = "output", "progress", "restart", "seed"
+#: Seconds that a process has to end itself and its ranks.
+GRACE = 10.0
 #: Options of runs that only show errors.
 QUIET = "-pgran_progress", "quiet"
 
 
-def python(ranks, *arguments, **more):
-    """Run ``python arguments`` on ranks, with this package; return the finished process.
-
-    Parameters
-    ----------
-    ranks : int
-        0 runs without mpiexec. PGRAN_LAUNCH knows PGRAN_RANKS itself; it is told other numbers.
-    *arguments : object
-        Their texts are passed on.
-    **more
-        Passed to `subprocess.run`, which checks the exit code unless told otherwise.
-    """
-    command = [os.environ.get("PGRAN_PYTHON", sys.executable), *map(str, arguments)]
+def command(ranks, *arguments):
+    """Return the command (a list) and the environment (a dictionary) with which `python` starts."""
+    line = [os.environ.get("PGRAN_PYTHON", sys.executable), *map(str, arguments)]
     launcher = shlex.split(os.environ.get("PGRAN_LAUNCH", ""))
     environment = dict(os.environ)
     if not launcher:
@@ -46,13 +38,50 @@ def python(ranks, *arguments, **more):
                        if not key.startswith(("OMPI_", "PMIX_", "PRTE_"))}
     if ranks:
         count = [] if launcher and ranks == RANKS else ["-n", str(ranks)]
-        command = [*(launcher or ["mpiexec"]), *count, *command]
+        line = [*(launcher or ["mpiexec"]), *count, *line]
     home = str(Path(__file__).resolve().parents[2])
     environment.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
                        OMPI_MCA_rmaps_base_oversubscribe="1", OMP_NUM_THREADS="1",
                        PYTHONPATH=os.pathsep.join(
                            filter(None, [home, environment.get("PYTHONPATH")])))
-    return subprocess.run(command, env=environment, **{"check": True, **more})
+    return line, environment
+
+
+def python(ranks, *arguments, check=True, timeout=None, **more):
+    """Run ``python arguments`` on ranks, with this package; return the finished process.
+
+    Parameters
+    ----------
+    ranks : int
+        0 runs without mpiexec. PGRAN_LAUNCH knows PGRAN_RANKS itself; it is told other numbers.
+    *arguments : object
+        Their texts are passed on.
+    check : bool
+        Whether another exit code than 0 is an error.
+    timeout : float, optional
+        Seconds after which the process is ended with all its ranks.
+    **more
+        Passed to `subprocess.Popen`.
+
+    Raises
+    ------
+    subprocess.CalledProcessError, subprocess.TimeoutExpired
+    """
+    line, environment = command(ranks, *arguments)
+    with subprocess.Popen(line, env=environment, **more) as process:
+        try:
+            output, errors = process.communicate(timeout=timeout)
+        except BaseException:
+            process.terminate()  # mpiexec then ends its ranks; if it were killed they would go on
+            try:
+                process.wait(GRACE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+            raise
+    finished = subprocess.CompletedProcess(line, process.returncode, output, errors)
+    if check:
+        finished.check_returncode()
+    return finished
 
 
 def parsed(tokens):
@@ -127,14 +156,15 @@ def done(path, options_file, options=()):
                 and os.path.getmtime(path) >= max(map(os.path.getmtime, sources)))
 
 
-def run(path, options_file, *options, ranks=RANKS, needed=True):
+def run(path, options_file, *options, ranks=None, needed=True):
     """Run pgran to ``path`` unless that is `done`; return the root attributes of the result.
 
     Parameters
     ----------
     path, options_file, *options
         As for `done`.
-    ranks : int
+    ranks : int, optional
+        `RANKS` unless given.
     needed : bool
         Whether a failure is an error; otherwise None is returned.
 
@@ -146,7 +176,7 @@ def run(path, options_file, *options, ranks=RANKS, needed=True):
     if done(path, options_file, options):
         print(f"pgran: {path} is in place", file=sys.stderr)
     else:
-        failed = python(ranks, "-m", "pgran", "-options_file", options_file, *options,
+        failed = python(ranks or RANKS, "-m", "pgran", "-options_file", options_file, *options,
                         "-pgran_output", path, check=False).returncode
         if failed and not needed:
             return None
@@ -156,6 +186,6 @@ def run(path, options_file, *options, ranks=RANKS, needed=True):
         return dict(file.attrs)
 
 
-def main(path, options_file, options=()):
+def main(path, options_file, *, options=()):
     """Make one run, unless it is done."""
     run(path, options_file, *options)

@@ -16,15 +16,15 @@ COLUMNS = {"model": "", "from (d)": "", "to (d)": "", "over L2 norm (%)": ".2f",
            "over maximum (%)": ".2f", "order": ".2f", **COST}
 
 
-def main(ngf="2 1 0.5", li="2 1 0.5", options=()):
+def main(ngf="2 1 0.5", li="2 1 0.5", *, options=()):
     """Make the runs and the table; costs are those of the finer run."""
     table = Table(RESULTS / "meshes.csv", COLUMNS)
     for model, sizes in (("ngf", ngf.split()), ("li", li.split())):
         paths = []
         for number, size in enumerate(sizes):
             paths.append(RESULTS / f"{model}_square_h{size}.h5")
-            took = launch.run(paths[-1], FILES[model], "-pgran_imperfection_size", 2,
-                              "-pgran_element_size", size, *launch.QUIET, *options)
+            took = launch.run(paths[-1], FILES[model], *launch.QUIET, *options,
+                              "-pgran_imperfection_size", 2, "-pgran_element_size", size)
             if number:
                 found = band.compare(paths)[-1]
                 table.row(model, sizes[number - 1], size, 100 * found["l2"],

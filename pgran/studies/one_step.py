@@ -1,6 +1,6 @@
-"""One time step from the state of a snapshot, on any mesh: what it costs, system by system.
+r"""One time step from the state of a snapshot, on any mesh: what it costs, system by system.
 
-    mpiexec -n 2 python -m pgran.studies.one_step -options_file options/biaxial.opts \\
+    mpiexec -n 2 python -m pgran.studies.one_step -options_file options/biaxial.opts \
         -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 -dt 1e-3 [-name text]
 
 The fields of the snapshot, which may stem from a coarser mesh whose elements this one divides, are

@@ -1,7 +1,8 @@
 """Does LI depend on the mesh where its law is well-posed? posed [sizes] [compression] [directory]
 
-LI with the law of Bingham, which is ill-posed at I0 = 0.001, and with that of Barker and Gray, which
-is not, on elements of "2 1 0.5" d to a compression of 0.01. The weak square keeps its side of 2 d.
+LI with the law of Bingham, which is ill-posed at I0 = 0.001, and with that of Barker and Gray,
+which is not, on elements of "2 1 0.5" d to a compression of 0.01. The weak square keeps its side of
+2 d.
 The table has the range of I at the nodes, whether flow is localised, the number of bands, where
 I > I0, that a line up the specimen at L/4 crosses, and the difference of I from the mesh before.
 """
@@ -29,17 +30,17 @@ def crossed(path):
     return band.stretches(I[:, I.shape[1] // 4] > I0)
 
 
-def main(sizes="2 1 0.5", compression="0.01", directory="results/posed", options=()):
+def main(sizes="2 1 0.5", compression="0.01", directory="results/posed", *, options=()):
     """Make the runs and the table."""
     table = Table(Path(directory) / "posed.csv", COLUMNS)
     for law in LAWS:
         paths = []
         for size in sizes.split():
             path = Path(directory) / f"{law}_h{size}_c{compression}.h5"
-            took = launch.run(path, "options/li.opts", "-pgran_law", law, "-pgran_element_size",
-                              size, "-pgran_imperfection_size", 2, "-pgran_compression",
-                              compression, "-pgran_snapshots", compression, *launch.QUIET,
-                              *options, needed=False)
+            took = launch.run(path, "options/li.opts", *launch.QUIET, *options, "-pgran_law", law,
+                              "-pgran_element_size", size, "-pgran_imperfection_size", 2,
+                              "-pgran_compression", compression, "-pgran_snapshots", compression,
+                              needed=False)
             if took is None:
                 table.note(law, size, "did not come to its end")
                 continue

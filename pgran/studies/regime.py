@@ -1,8 +1,8 @@
 """At which I0 and L does flow localise by 10 % compression? A map of runs: regime [directory]
 
-NGF on elements of 2 d (3 d at L = 60 d, 4 d at 80 d). The picture regime.png has the range of I over
-I0 of each run; red lines are growth rates of the specimen in closed form (`pgran.theory.specimen`),
-and the dashed line is the shortest wavelength that grows in free space.
+NGF on elements of 2 d (3 d at L = 60 d, 4 d at 80 d). The picture regime.png has the range of I
+over I0 of each run. Red lines are growth rates of the specimen in closed form
+(`pgran.theory.specimen`). The dashed line is the shortest wavelength that grows in free space.
 """
 
 from pathlib import Path
@@ -32,15 +32,15 @@ def rates(numbers, widths):
         amplitude=parameters.A) for number in numbers] for width in widths])
 
 
-def main(directory="results/regime", options=()):
+def main(directory="results/regime", *, options=()):
     """Make the runs, the table and the map."""
     table, rows = Table(Path(directory) / "regime.csv", COLUMNS), []
     for width in WIDTHS:
         for number in NUMBERS:
             path = result_file(directory, f"L{width}_I{number:g}")
-            if launch.run(path, "options/biaxial.opts", "-pgran_width", width,
-                          "-pgran_inertial_number", number, "-pgran_element_size",
-                          max(2, width // 20), *launch.QUIET, *options, needed=False) is None:
+            if launch.run(path, "options/biaxial.opts", *launch.QUIET, *options, "-pgran_width",
+                          width, "-pgran_inertial_number", number, "-pgran_element_size",
+                          max(2, width // 20), needed=False) is None:
                 table.note(f"{width}", f"{number:g}", "did not come to its end")
                 continue
             row = band.measure(path)[-1]
@@ -69,7 +69,7 @@ def draw(rows, path):
     wavelength = np.full_like(I0, np.nan)
     np.divide(2.0 * np.pi * parameters.A, k_cut, out=wavelength, where=k_cut > 0.0)
     axes.plot(I0, wavelength, "k--", linewidth=1.0, label=r"$2\pi/k_{cut}$")
-    numbers, widths = np.geomspace(7e-5, 0.14, 40), np.linspace(12.0, 90.0, 25)
+    numbers, widths = np.geomspace(7e-5, 0.14, 32), np.linspace(12.0, 90.0, 20)
     lines = axes.contour(numbers, widths, rates(numbers, widths), levels=LEVELS, colors="tab:red",
                          linewidths=0.8)
     axes.clabel(lines, fontsize=7, fmt=r"%g $\dot\gamma^0$")

@@ -21,15 +21,15 @@ LONG = RUNS["fig3"][0]
 def ngf(width, I0, size, *options):
     """Run NGF to 10 % compression, and the run of figure 3 to 14 %."""
     end, at = ("0.14", "0.05,0.10,0.14") if (width, I0, size) == LONG else ("0.10", "0.05,0.10")
-    launch.run(RESULTS / f"ngf_L{width}_I{I0}_h{size}.h5", "options/biaxial.opts", "-pgran_width",
-               width, "-pgran_inertial_number", I0, "-pgran_element_size", size,
-               "-pgran_compression", end, "-pgran_snapshots", at, *options)
+    launch.run(RESULTS / f"ngf_L{width}_I{I0}_h{size}.h5", "options/biaxial.opts", *options,
+               "-pgran_width", width, "-pgran_inertial_number", I0, "-pgran_element_size", size,
+               "-pgran_compression", end, "-pgran_snapshots", at)
 
 
 def li(size, *options):
     """Run LI to 1 % compression."""
-    launch.run(RESULTS / f"li_L40_I0.001_h{size}.h5", "options/li.opts", "-pgran_element_size",
-               size, *options)
+    launch.run(RESULTS / f"li_L40_I0.001_h{size}.h5", "options/li.opts", *options,
+               "-pgran_element_size", size)
 
 
 def runs(figure, sizes, options=()):
@@ -42,12 +42,11 @@ def runs(figure, sizes, options=()):
         ngf(*run, *options)
 
 
-def main(figure, sizes="2 1 0.5", options=()):
+def main(figure, sizes="2 1 0.5", *, options=()):
     """Make the runs of a figure and draw it."""
-    from .. import figures
+    from ..output import figures
 
     if figure not in (*RUNS, "fig6", "fig7"):
         raise ValueError(f"{figure}: allowed is fig3 ... fig7")
     runs(figure, sizes.split(), options)
-    if figures.main([figure, "-results", str(RESULTS)]):
-        raise ValueError(f"{figure} was not drawn")
+    figures.draw([figure], "results/figures", RESULTS)

@@ -31,7 +31,7 @@ CASES = {
 COLUMNS = {"case": "", "compression": "g", "I max": ".3e", "angle": ".1f", "width": ".1f", **COST}
 
 
-def main(directory="results/sensitivity", options=()):
+def main(directory="results/sensitivity", *, options=()):
     """Make the runs and the table."""
     table = Table(Path(directory) / "sensitivity.csv", COLUMNS)
     for name, varied in CASES.items():

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from .. import cases
-from ..growth import extrapolated
 from ..theory import specimen as theory
 from . import launch
 from .growth import fitted, history
@@ -26,6 +25,8 @@ from .table import Table, result_file
 LINEAR = 0.005, 0.015
 #: Steps that are extrapolated to zero, 1/gdot0; the first table shows some larger ones too.
 STEPS, LARGE = (5e-4, 2.5e-4, 1.25e-4), (2e-3, 1e-3)
+#: Growth rate, gdot0, up to which these steps are small enough; beyond it they are smaller.
+FAST = 400.0
 COUPLINGS = ("", "spin", "memory", "spin,memory", "interior", "faces", "geometry",
              "faces,geometry")
 HEIGHTS = 60, 80, 120, 160, 240
@@ -60,13 +61,17 @@ def linearised(*options, steps=STEPS):
             for row in json.loads(made.stdout)]
 
 
-def predicted(*options, steps=STEPS):
+def predicted(*options):
     """Return the fastest growth rates, complex (n,), gdot0, extrapolated to a step of zero."""
+    expected = closed_form(options) or FAST
+    steps = [step * min(1.0, FAST / expected.real) for step in STEPS]
     return at_zero(steps, linearised(*options, steps=steps))
 
 
 def at_zero(steps, rates):
-    """Return the ``rates`` of steps, complex arrays, extrapolated; (n,) for n that all steps have."""
+    """Return the rates of ``steps``, complex arrays, extrapolated: as many as all steps have."""
+    from ..solve.linearised import extrapolated  # starts PETSc
+
     found = np.array([row[:min(map(len, rates))] for row in rates])
     return np.array([complex(*(extrapolated(steps, part) for part in (rate.real, rate.imag)))
                      for rate in found.T])
@@ -118,9 +123,9 @@ def measured(output, *options, imperfection=0.9999, step=2.5e-4, end=0.02, solve
     ``end`` is a compression, ``solver`` an options file, and ``window`` that of `fitted`. None and
     None where nothing grows.
     """
-    launch.run(output, f"options/{solver}.opts", "-pgran_imperfection", imperfection,
-               "-pgran_step_max", step, "-snes_atol", 1e-7, "-pgran_compression", end,
-               "-pgran_snapshots", end, *launch.QUIET, *options)
+    launch.run(output, f"options/{solver}.opts", *launch.QUIET, *options, "-pgran_imperfection",
+               imperfection, "-pgran_step_max", step, "-snes_atol", 1e-7, "-pgran_compression",
+               end, "-pgran_snapshots", end)
     I0, time, span = history(output)
     window = [min(1.0, I0 / 0.001) * limit for limit in window]
     rate = fitted(time, span, window)
@@ -183,13 +188,13 @@ def runs_table(directory, *options):
                   "none" if found is None else f"{found:.1f}")
 
 
-def main(directory="results/specimen", options=()):
+def main(directory="results/specimen", *, options=()):
     """Make the tables, the runs and the picture of the fastest mode."""
     directory, options = Path(directory), (*BASE, *options)
     for table in (steps_table, coupling_table, heights_table, runs_table):
         table(directory, *options)
         print()
-    mode, steady = directory / "mode.h5", ("-pgran_imperfection", 1, *options)
+    mode, steady = directory / "mode.h5", (*options, "-pgran_imperfection", 1)
     if not launch.done(mode, "options/growth.opts", steady):
         launch.python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts", *steady,
                       "-dt", STEPS[0], "-mode", mode)

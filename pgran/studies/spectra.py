@@ -45,29 +45,29 @@ def single(model, number, k, *options):
     """Return the eigenvalue of one wave vector with the law of Jop."""
     given = ("-pgran_law", "jop", "-pgran_model", model, "-pgran_inertial_number", number)
     rate = answer(0, "pgran.stability", *given, "-wave_vector", k)["growth_rate_gdot0"]
-    rows = eigen(*given, "-wave_vector", k, "-target", BESIDE * rate, "-eps_nev", 2, *options)
+    rows = eigen(*options, *given, "-wave_vector", k, "-target", BESIDE * rate, "-eps_nev", 2)
     return min(rows, key=lambda row: abs(row["analytic"] - rate))
 
 
 def specimen(number, width, size, *options):
     """Return the eigenvalues of a specimen, complex, largest real part first."""
     return [complex(row["computed"], row["imaginary"]) for row in eigen(
-        "-pgran_case", "biaxial", "-pgran_inertial_number", number, "-pgran_width", width,
-        "-pgran_element_size", size, *options)]
+        *options, "-pgran_case", "biaxial", "-pgran_inertial_number", number, "-pgran_width",
+        width, "-pgran_element_size", size)]
 
 
-def main(directory="results", options=()):
+def main(directory="results", *, options=()):
     """Make all tables."""
     directory, fine = Path(directory), ("-pgran_cell_elements", 32, *options)
     for model in ("ngf", "li"):
         launch.python(launch.RANKS, "-m", "pgran.eigen", "-options_file", "options/eigen.opts",
-                      "-pgran_model", model, "-pgran_law", "jop", "-pgran_output",
+                      *options, "-pgran_model", model, "-pgran_law", "jop", "-pgran_output",
                       directory / f"spectra_{model}.h5", "-sweep", 8, "-sweep_end", 0.19,
-                      "-eps_nev", 4, *options)
+                      "-eps_nev", 4)
     table = Table(directory / "spectra_inertial_number.csv", {"I0": "", "law": "", **RATES})
     for law, number in product(("bingham", "jop"), ("1e-4", "1e-3", "3e-3", "1e-2")):
-        table.row(number, law, *values(eigen("-pgran_law", law, "-pgran_inertial_number", number,
-                                             "-eps_nev", 1, *fine)[0]))
+        table.row(number, law, *values(eigen(*fine, "-pgran_law", law, "-pgran_inertial_number",
+                                             number, "-eps_nev", 1)[0]))
     table = Table(directory / "spectra_single.csv",
                   {"model": "", "I0": "", "wave vector": "", **RATES})
     for model, number, k in SINGLE:

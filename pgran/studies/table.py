@@ -16,7 +16,7 @@ def cost(attributes):
 
 def result_file(directory, name):
     """Return the path of the result file of a case that is named in words."""
-    return Path(directory) / (re.sub("[^A-Za-z0-9.=-]+", "_", name) + ".h5")
+    return Path(directory) / (re.sub("[^A-Za-z0-9.-]+", "_", name) + ".h5")
 
 
 class Table:

@@ -44,7 +44,7 @@ def interpolated(form, path, number):
     Raises
     ------
     OptionError
-        If there is no file, it holds no such snapshot, or its elements are not divided by those of the grid.
+        If there is no such file or snapshot, or its elements are not divided by those of the grid.
     """
     if path is None:
         raise OptionError("-from NAME.h5: a result file is needed")

@@ -35,7 +35,7 @@ def difference(fine, coarse):
     return float(np.abs(fine[::step, ::step] - coarse).max())
 
 
-def main(directory="results/verify", options=()):
+def main(directory="results/verify", *, options=()):
     """Make the runs and the table; raises `pgran.options.SolutionError` beyond the limits."""
     table, wrong = Table(Path(directory) / "verify.csv", COLUMNS), []
     for name, varied in CASES.items():

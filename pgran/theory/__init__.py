@@ -1,1 +1,1 @@
-"""Closed forms, numpy alone: waves in an infinite medium, turning wave vectors, the specimen."""
+"""Closed forms, numpy only: waves in an infinite medium, turning wave vectors, the specimen."""

@@ -1,4 +1,4 @@
-"""Growth rates of the homogeneous specimen between slipping plates: exact, numpy alone.
+"""Growth rates of the homogeneous specimen between slipping plates: exact, numpy only.
 
 The specimen is L wide and H high. It flows with v = (x1/2, -x2/2), its mesh moves with the
 material, its lateral faces carry the normal stress sigma_1 and let no fluidity through, and its
@@ -25,7 +25,9 @@ its load with it:
 
 The base flow stretches the displacement at the rate 1/2. Both faces are displaced the same way
 ('sway', v1 even in x1) or opposite ways ('barrel', v1 odd). The rate r is that at which the
-amplitude of the wave grows at points of the material, while the material shortens the wave.
+amplitude of the wave grows at points of the material, while the material shortens the wave. The
+specimen is free to move along the plates. A solver that holds a corner does not change r without
+inertia; with inertia the held corner couples the waves and changes r.
 
 The solutions are exponentials exp(+-sqrt(q) x1). With lengths in 1/k and m = 1/(1 + r eta0/G),
 the amplitudes (v1,1, P', eta0 g') are (2 q, N, F/(m mu)) with
@@ -38,7 +40,7 @@ where q are the three roots, for LI two, of
     (1 + m beta) F - m mu (1/2 - m beta r eta0/G) N - 4 m^2 beta eta0 q
         - A^2 d^2 (q - 1) F/(A^2 d^2/xi^2) = 0,             beta = mu/(I0 mu_loc'(I0)) - 1
 
-and sigma_11 = 2 (W + R+), sigma_12 = -2 W/sqrt(q). The conditions at one face fix the weights of
+and sigma_11 = 2 (W + R+), sigma_12 = -2 sqrt(q) W. The conditions at one face fix the weights of
 the roots.
 
 `column_growth_rate` is the formula that explains: the long-wave limit for a creeping column.
@@ -311,27 +313,25 @@ class _Across:
             (4, size). They carry one factor that keeps large exponentials in bounds.
         """
         W, normal, N, F, characteristic = self.polynomials(r)
-        q = np.array([0.0, 1.0])
         found = []
         for roots in _blocks(_roots(characteristic), self.half):
-            # The last row of a function of this matrix would be its value, the first row holds
-            # its divided differences: a basis that stays one where roots meet.
+            # The first row of a function of this matrix holds the divided differences of the
+            # function at the roots: solutions that stay apart where roots meet.
             K = np.diag(roots) + np.diag(np.ones(len(roots) - 1), 1) / self.half**2
-            powers = [_polynomial_of(p, K) for p in (
-                normal, W, F, N, q, np.ones(1))]
-            normal_K, W_K, F_K, N_K, q_K, one = powers
-            parts = []
-            for place in (np.asarray(self.half), x):
-                even, odd = _cosh_sinh(K, place, self.half)
-                # Solutions like v1,1, and those like v1, whose derivative is q times it.
-                parts.append((odd, even) if self.sways else (even, odd @ K))
-            (like_rate, like_v1), (rate_x, v1_x) = parts
-            face = np.array([(2.0 * normal_K @ like_rate)[0], (-2.0 * W_K @ like_v1)[0],
-                             (F_K @ like_v1)[0], (2.0 * one @ like_v1)[0]])
-            inner = np.array([(2.0 * one @ v1_x)[..., 0, :], (-2.0 * q_K @ rate_x)[..., 0, :],
-                              (N_K @ rate_x)[..., 0, :], (F_K @ rate_x)[..., 0, :]])
-            found.append((inner, face))
+            normal_K, W_K, N_K, F_K = (_polynomial_of(part, K) for part in (normal, W, N, F))
+            # Solutions that go like v1,1, and those that go like v1, at the face and at x.
+            rate, v1 = self._waves(K, np.asarray(self.half))
+            rate_x, v1_x = self._waves(K, x)
+            face = [2.0 * normal_K @ rate, -2.0 * W_K @ v1, F_K @ v1, 2.0 * v1]
+            inner = [2.0 * v1_x, -2.0 * K @ rate_x, N_K @ rate_x, F_K @ rate_x]
+            found.append(tuple(np.array([part[..., 0, :] for part in parts])
+                               for parts in (inner, face)))
         return found
+
+    def _waves(self, K, x):
+        """Return the functions of K, (..., size, size), that go like v1,1/q and like v1."""
+        cosh, sinh = _cosh_sinh(K, x, self.half)
+        return (sinh, cosh) if self.sways else (cosh, K @ sinh)
 
     def fields(self, r, x):
         """Return v1, v2, P' and eta0 g' at ``x`` (...) for a face displaced by 1, (4, ...)."""

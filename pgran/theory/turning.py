@@ -1,4 +1,4 @@
-"""Perturbations whose wave vector turns with the flow (appendix A): numpy alone.
+"""Perturbations whose wave vector turns with the flow (appendix A): numpy only.
 
 Times are dimensionless, A^2 d^2 phi rho_s/eta0, as in (A 6), and wave vectors and growth rates are
 those of `pgran.theory.waves`.

@@ -1,4 +1,4 @@
-"""Linear stability of homogeneous flow in closed form (sections 3, 5, appendix A): numpy alone.
+"""Linear stability of homogeneous flow in closed form (sections 3, 5, appendix A): numpy only.
 
 Wave vectors are dimensionless, A d k (NGF, LI) or sqrt(nu_I) d k (IG), and growth
 rates those of the paper, A^2 d^2 phi rho_s lambda/eta0 (NGF, LI) or nu_I d^2 phi
@@ -76,7 +76,7 @@ class Coefficients:
 
     @staticmethod
     def _spread(law, mu, nu):
-        """nu xi^2/(A d)^2 with the law's own xi; at yield both factors vanish, not their ratio."""
+        """Nu xi^2/(A d)^2 with the law's own xi; at yield both factors vanish, not their ratio."""
         if law.inverse_length_squared is None:
             raise ValueError(f"the law {type(law).__name__} has no cooperativity length, so that "
                              "NGF is not defined with it; allowed is the model li")
@@ -160,8 +160,8 @@ def tensor(k, N, r, q, convection=0.0, gradient=None):
 def growth_rates(k, N, coefficients, convection=0.0, gradient=None):
     """Return the eigenvalues (..., n - 1) of `tensor` on v.k = 0, largest real part first.
 
-    ``k`` (..., n). Complex with convection alone. Not numbers where the denominator
-    vanishes.
+    ``k`` (..., n). They may be complex only with convection, and are not
+    numbers where the denominator vanishes.
     """
     return modes(k, N, coefficients, convection, gradient)[0]
 

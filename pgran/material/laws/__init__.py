@@ -103,7 +103,11 @@ class Law(ABC):
         return np.where(done, mu, np.nan)
 
 
-def ill_posedness(mu, nu, centre=0.0, reach=np.sqrt(0.5)):
+#: Half the distance of the extreme principal values of N in plane flow.
+PLANE_REACH = float(np.sqrt(0.5))
+
+
+def ill_posedness(mu, nu, centre=0.0, reach=PLANE_REACH):
     """Return q^2 + 8 r^2 reach^2 - 4 r (1 - sqrt(2) q centre), r = 1 - nu, q = mu (1 - nu/2).
 
     It is positive where some long wave grows, and for LI, where waves of all lengths do the same,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...options import ParameterError, positive
-from . import MU_2, MU_S, B, I_0, Law, ill_posedness, sensitivity, sign_changes, slope_of_jop
+from . import I_0, MU_2, MU_S, B, Law, ill_posedness, sensitivity, sign_changes, slope_of_jop
 from .jop import Jop
 
 

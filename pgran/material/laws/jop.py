@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import MU_2, MU_S, B, I_0, Law, slope_of_jop
+from . import I_0, MU_2, MU_S, B, Law, slope_of_jop
 
 
 @dataclass(frozen=True)
