@@ -64,7 +64,7 @@ job() {
 }
 
 figures() {
-    $python -m pgran.figures fig1 fig2 fig8 fig9
+    $python -m pgran.figures fig1 fig2 fig8 fig9 specimen
     local number
     for number in 3 4 5 6 7; do bash jobs/fig$number.sh; done
 }

@@ -75,6 +75,8 @@ def test_a_result_is_done_only_with_the_options_asked_for(tiny):
                  ("-pgran_imperfection_size", 4), ("-pgran_snapshots", 0.0007)):
         assert not launch.done(tiny, FILE, (*TINY, *more)), more
     assert not launch.done(tiny, "options/li.opts", TINY)
+    assert not launch.done(tiny, FILE, (*TINY, "-snes_atol", 1e-7))
+    assert launch.done(tiny, FILE, (*TINY, "-snes_atol", "1e-4"))
 
 
 def test_what_does_not_change_a_result_is_not_compared(tiny):

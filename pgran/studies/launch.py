@@ -96,17 +96,24 @@ def parsed(tokens):
     return texts
 
 
+def given(options_file, *options):
+    """Return {name: text} of an options file and of options that win over it.
+
+    Raises `pgran.options.OptionError` where there is no such file.
+    """
+    path = Path(options_file)
+    if not path.is_file():
+        raise OptionError(f"-options_file {path}: there is no such file")
+    return {**parsed(shlex.split(path.read_text(), comments=True)), **parsed(options)}
+
+
 def asked(options_file, *options):
     """Return the `pgran.options.Parameters` of an options file and of options that win over it.
 
     Raises `pgran.options.OptionError` or `pgran.options.ParameterError` where they do not fit
     together.
     """
-    path = Path(options_file)
-    if not path.is_file():
-        raise OptionError(f"-options_file {path}: there is no such file")
-    texts = parsed(shlex.split(path.read_text(), comments=True))
-    parameters = cases.read({**texts, **parsed(options)})
+    parameters = cases.read(given(options_file, *options))
     cases.create(parameters)
     return parameters
 
@@ -133,10 +140,9 @@ def holds(path, parameters, ignored=IGNORED):
 def done(path, options_file, options=()):
     """Return whether a result file is that of a whole run with the options that are asked for.
 
-    All resolved options are compared but `IGNORED`. The file must also be newer than the options
-    file and than the result or mode that the run starts from. PETSc's options, such as -snes_atol,
-    are not stored in result files and not compared: a change of the options file shows in its age,
-    but a change on the command line does not.
+    All resolved options are compared but `IGNORED`, and so are the options of PETSc, such as
+    -snes_atol, if the file stores them. The file must also be newer than the options file and than
+    the result or mode that the run starts from.
 
     Parameters
     ----------
@@ -151,8 +157,12 @@ def done(path, options_file, options=()):
         return False
     sources = [name for name in (options_file, parameters.restart, parameters.seed)
                if name and os.path.exists(name)]
+    solver = {name: text for name, text in given(options_file, *options).items()
+              if not name.startswith(PREFIX)}
     with h5py.File(path, "r") as file:
+        theirs = file.attrs.get("solver_options")
         return (bool(file.attrs.get("complete", False))
+                and (theirs is None or parsed(theirs.split()) == solver)
                 and os.path.getmtime(path) >= max(map(os.path.getmtime, sources)))
 
 
