@@ -204,6 +204,7 @@ class Driver:
         if dt <= 0.0:  # TS gave up, and says why in its reason
             return
         state, local, step = self.state, self.grid.to_local(ts.getSolution()), self.time_step(dt)
+        step.dt = dt  # as TS counts it, which differs by rounding
         stress = self.form.stress(local, step.increment)
         departure = 0.0
         if not self.steady:
