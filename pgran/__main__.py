@@ -4,19 +4,31 @@ Solves dense granular flow with the local inertial or the non-local granular
 fluidity rheology, equations (2.2)-(2.9), on a structured Q2-Q1 grid. With
 -ts_type beuler the flow is followed in time; with -ts_type pseudo the mesh is
 frozen and the steady rigid-viscous flow is found. A good run ends with the name
-of its result file; a failed one with the reason, and exit code 1.
+of its result file and exit code 0, a failed one with the reason and exit code 1.
+
+A run in time writes checkpoints. SIGTERM, SIGINT, SIGUSR1 or SIGUSR2 make it write
+one and stop with exit code 75; -pgran_restart NAME.h5 goes on from there.
 """
 
 import resource
 import sys
 import time
 
-from .cli import solver_options, start, steady
+from .cli import Signals, report_unread, solver_options, start, steady
 
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
-    return start(arguments, run, __doc__)
+    return start(arguments, run, __doc__, solver="pc_type", complete=complete)
+
+
+def complete(texts):
+    """Add the options of the run that a restart in time goes on from, {name: text}."""
+    if not texts.get("pgran_restart") or steady():
+        return texts
+    from .output.results import continued
+
+    return continued(texts)
 
 
 def run(parameters, own, comm):
@@ -25,74 +37,166 @@ def run(parameters, own, comm):
     Raises
     ------
     OptionError, ParameterError
-        Before anything is computed, if the options do not fit together.
+        Before anything is written, if the options do not fit together.
     SolutionError
         If the solution stops; the last state that was reached is written first.
+    Interrupted
+        If a signal stops it; a checkpoint is written first.
     """
-    from petsc4py import PETSc
-
-    from .options import OptionError, ParameterError, SolutionError
-    from .output.results import Writer
-    from .output.terminal import Terminal
-    from .solve import state
-    from .solve.driver import Driver
+    from .options import ParameterError
     from .space.weakform import discretise
 
-    begin, is_steady = time.monotonic(), steady()
-    if parameters.restart and not is_steady:
-        raise OptionError(f"-pgran_restart {parameters.restart}: allowed only with "
-                          "-ts_type pseudo")
-    if parameters.inertia and is_steady:
+    if parameters.inertia and steady():
         raise ParameterError("inertia", "true", "steady flow is quasi-static; allowed with "
                              "-ts_type pseudo is false")
-    form = discretise(parameters, comm)
-    case, terminal = form.case, Terminal(comm, parameters.progress)
-    if is_steady:
-        first = state.steady_start(form)
-    else:
-        first = state.reference(form) if parameters.seed else state.rest(form)
+    Run(discretise(parameters, comm), steady()).do()
 
-    def observe(driver, landed, report):
+
+class Run:
+    """One run: its driver, its result file, its checkpoints and what it says. Collective."""
+
+    def __init__(self, form, is_steady):
+        from .output.results import BALANCE, Source, Writer
+        from .output.terminal import Terminal
+        from .solve import state
+        from .solve.driver import Driver
+
+        self.began, self.form, self.case = time.monotonic(), form, form.case
+        self.comm, self.parameters = form.grid.comm.tompi4py(), form.case.parameters
+        self.steady, self.last_checkpoint = is_steady, (time.monotonic(), 0)
+        self.terminal = Terminal(form.grid.comm, self.parameters.progress)
+        self.source, behind = None, None
+        if is_steady:
+            first = state.steady_start(form)
+        elif self.parameters.restart:
+            first, behind, damaged = state.checkpoint_start(form)
+            self.source = Source(self.parameters.restart, behind["history"], behind["snapshots"])
+            for text in damaged:
+                self.terminal.say(f"  passed over a damaged checkpoint, {text}")
+        elif self.parameters.seed:
+            first = state.reference(form)
+        else:
+            first = state.rest(form)
+        self.behind = behind or {}
+        self.driver = Driver(form, first, self.observe, is_steady, behind=behind,
+                             interrupted=Signals())
+        self.writer = Writer(self.parameters.output, form, columns=() if is_steady else BALANCE)
+
+    def do(self):
+        """Run to the end; see `run` for what is raised."""
+        from .options import Interrupted, ParameterError, SolutionError
+
+        driver = self.driver
+        try:
+            self.terminal.opening(self.form, driver.ts)
+            if self.source:
+                self.terminal.say(f"  goes on from {self.case.label(driver.state.time)}")
+            try:
+                driver.solve()
+            except (SolutionError, Interrupted) as error:
+                self.stop(isinstance(error, Interrupted))
+                if isinstance(error, Interrupted):
+                    raise Interrupted(
+                        f"stopped by {error} at {self.case.label(driver.state.time)}; "
+                        f"@restart {self.writer.path} goes on from there") from None
+                raise
+            if not driver.started and driver.state.time > (1.0 + 1e-9) * self.case.targets[-1]:
+                raise ParameterError(
+                    "restart", self.parameters.restart, "its checkpoint, at "
+                    f"{self.case.label(driver.state.time)}, lies beyond the end of this run, "
+                    f"{self.case.label(self.case.targets[-1])}")
+            self.finish()
+        finally:
+            self.writer.close()
+
+    def begin(self):
+        """Make the result file, once the options were read by whoever reads them."""
+        if not self.writer.begun:
+            report_unread(self.form.grid.comm)
+            self.writer.begin(self.source, solver_options=solver_options())
+            if self.writer.kept:
+                self.terminal.say(f"  an earlier {self.writer.path} is kept as {self.writer.kept}")
+
+    def observe(self, driver, landed, report):
+        """Write and report an accepted step."""
+        from petsc4py import PETSc
+
         with PETSc.Log.Stage("Output"):
-            writer.record(**report)
-            if is_steady:
+            self.begin()
+            self.writer.record(**report)
+            if self.steady:
                 residual, done = driver.steady_residual(), 0.0
                 text = f"residual {residual:.2e}"
             else:
-                now, end = driver.state.time, case.targets[-1]
-                done = case.count(now) / case.count(end)
-                text = f"{case.label(now):>20}"
-            terminal.step(driver.ts.getStepNumber(), done, text, report)
+                now, end = driver.state.time, self.case.targets[-1]
+                done = self.case.count(now) / self.case.count(end)
+                text = f"{self.case.label(now):>20}"
+            self.terminal.step(driver.ts.getStepNumber(), done, text, report)
             if landed:
-                writer.snapshot(driver.state.time, driver.fields())
+                self.writer.snapshot(driver.state.time, driver.fields())
+            if not self.steady and self.due():
+                self.checkpoint()
 
-    driver = Driver(form, first, observe, is_steady)
-    writer = Writer(parameters.output, form, {"solver_options": solver_options()})
-    terminal.opening(form, driver.ts)
-    if writer.kept:
-        terminal.say(f"  an earlier {writer.path} is kept as {writer.kept}")
-    try:
-        driver.solve()
-    except SolutionError:
-        if driver.started:
-            writer.snapshot(driver.state.time, driver.fields())
-        raise
-    complete = driver.controller.finished
-    if is_steady or not complete:
-        writer.snapshot(driver.state.time, driver.fields())
-    memory = comm.tompi4py().allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024
-    cost = {**driver.cost(), "seconds": time.monotonic() - begin, "memory": memory,
-            "ranks": comm.size}
-    writer.flush(complete=complete, **cost)
-    if is_steady:
-        residual = driver.steady_residual()
-        writer.flush(steady_residual=residual)
-        terminal.say(f"  steady: the rigid-viscous equations (2.9)-(2.11) hold to a residual of "
-                     f"{residual:.2e} {case.stress_unit} d")
-    elif not complete:
-        terminal.say(f"  stopped by PETSc's options at {case.label(driver.state.time)} of "
-                     f"{case.label(case.targets[-1])}")
-    terminal.closing(writer, cost)
+    # Checkpoints
+
+    def due(self):
+        """Return whether it is time for a checkpoint, which rank 0 decides."""
+        then, step = self.last_checkpoint
+        every = self.parameters.checkpoint_steps
+        if every:
+            return self.writer.steps - step >= every
+        return self.comm.bcast(
+            time.monotonic() - then >= 60.0 * self.parameters.checkpoint_minutes)
+
+    def checkpoint(self):
+        """Write the history, and a checkpoint of the last accepted state."""
+        from .output import checkpoint
+
+        writer, driver = self.writer, self.driver
+        writer.flush()
+        values = {**driver.values(), "history": writer.steps, "snapshots": len(writer.snapshots),
+                  "seconds": self.seconds()}
+        checkpoint.write(writer.path, self.form.grid, writer.run, writer.steps, values,
+                         driver.state.arrays(self.form.grid), ("output", self.parameters.output))
+        self.last_checkpoint = time.monotonic(), writer.steps
+
+    def seconds(self):
+        """Return what the run has taken so far, s, what lies before a restart included."""
+        return float(self.behind.get("seconds", 0.0)) + time.monotonic() - self.began
+
+    # The end
+
+    def stop(self, interrupted):
+        """Keep what a run has that cannot or shall not go on."""
+        self.begin()
+        if self.driver.started and (self.steady or not interrupted):
+            self.writer.snapshot(self.driver.state.time, self.driver.fields())
+        if not self.steady:
+            self.checkpoint()
+
+    def finish(self):
+        """Write what remains to be written at the end, and say so."""
+        driver, terminal = self.driver, self.terminal
+        self.begin()
+        whole = driver.controller.finished
+        if driver.started and (self.steady or not whole):
+            self.writer.snapshot(driver.state.time, driver.fields())
+        if not self.steady:
+            self.checkpoint()
+        memory = self.comm.allreduce(
+            resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024
+        cost = {**driver.cost(), "seconds": self.seconds(), "memory": memory,
+                "ranks": self.comm.size}
+        if self.steady:
+            cost["steady_residual"] = driver.steady_residual()
+        self.writer.flush(complete=whole, **cost)
+        if self.steady:
+            terminal.say("  steady: the rigid-viscous equations (2.9)-(2.11) hold to a residual of "
+                         f"{cost['steady_residual']:.2e} {self.case.stress_unit} d")
+        elif not whole:
+            terminal.say(f"  stopped by PETSc's options at {self.case.label(driver.state.time)} of "
+                         f"{self.case.label(self.case.targets[-1])}")
+        terminal.closing(self.writer, cost)
 
 
 if __name__ == "__main__":

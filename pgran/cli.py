@@ -1,22 +1,51 @@
-"""What starts every command: PETSc, options, help, and errors that all ranks share.
+"""What starts every command: PETSc, options, help, signals, and errors that all ranks share.
 
 A command that runs on ranks passes its work to `start`; one that needs numpy only passes it to
 `answer`. Only this module and `pgran.options` know what an option is called.
 """
 
+import ctypes
 import os
+import re
+import shlex
+import signal
 import sys
+import time
 import traceback
+from pathlib import Path
 from types import SimpleNamespace
 
 from . import cases, options
-from .options import Option, OptionError, ParameterError, SolutionError
+from .options import Interrupted, Option, OptionError, ParameterError, SolutionError
 
 HELP = ("-help", "--help", "-h")
 #: Errors that are told in one message; all ranks raise them together.
 TOLD = OptionError, ParameterError, SolutionError
+#: Exit code of a run that was asked to stop and can go on (EX_TEMPFAIL of sysexits.h).
+STOPPED = 75
+#: Signals that ask a run to stop; batch systems send them before they kill.
+SIGNALS = signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2
+#: Seconds that the other ranks have to raise an error too, before it is taken for one rank's own.
+TOGETHER = 5.0
 #: The flag that asks for JSON, which most commands have.
 JSON = Option("json", "flag", False, "", "print one JSON object instead of text", prefix="")
+#: What the names of PETSc's and SLEPc's options begin with.
+HEADS = ("ts", "snes", "ksp", "pc", "mat", "vec", "dm", "da", "is", "fieldsplit", "mg", "sub", "st",
+         "eps", "bv", "ds", "rg", "step", "log", "malloc", "options", "info", "on", "fp", "start",
+         "stop", "debug", "memory", "objects", "check", "error", "get", "version", "citations",
+         "viewer", "draw", "display", "npc", "inner", "telescope", "redundant", "use", "device",
+         "cuda", "hip", "kokkos", "saws", "petsc", "skip", "python", "mpi", "not", "help", "esteig")
+#: Options of PETSc that a misspelt one may have meant.
+COMMON = ("ts_type", "ts_max_steps", "ts_monitor", "ts_adapt_scale_solve_failed",
+          "ts_pseudo_increment", "ts_pseudo_fatol", "ts_pseudo_frtol", "snes_type", "snes_rtol",
+          "snes_atol", "snes_stol", "snes_max_it", "snes_monitor", "snes_converged_reason",
+          "snes_view", "snes_linesearch_type", "snes_lag_preconditioner", "snes_lag_jacobian",
+          "ksp_type", "ksp_rtol", "ksp_atol", "ksp_max_it", "ksp_monitor", "ksp_converged_reason",
+          "ksp_view", "pc_type", "pc_mg_levels", "pc_fieldsplit_type", "mat_type",
+          "pc_factor_mat_solver_type", "mat_mumps_icntl_14", "eps_nev", "eps_ncv", "eps_tol",
+          "eps_max_it", "eps_target", "st_type", "st_ksp_type", "st_pc_type", "log_view")
+#: Options that PETSc reads when it ends.
+LAST = re.compile("options_|malloc_|objects_|memory_|log_|citations|saws|on_error|not_shared")
 
 
 def own(name, kind, meaning, default=None, **more):
@@ -24,11 +53,12 @@ def own(name, kind, meaning, default=None, **more):
     return Option(name, kind, default, more.pop("unit", ""), meaning, prefix="", **more)
 
 
-def start(arguments, action, description="", rows=(), slepc=False):
+def start(arguments, action, description="", rows=(), slepc=False, solver="",
+          complete=lambda texts: texts):
     """Start PETSc, do ``action(parameters, own, comm)`` and return the exit code. Collective.
 
-    An error of `TOLD`, which all ranks raise together, becomes one message of rank 0. Anything
-    else may have struck only one rank: it ends them all.
+    An error of `TOLD`, of PETSc or of memory that all ranks raise becomes one message of rank 0.
+    What strikes only some ranks ends them all.
 
     Parameters
     ----------
@@ -43,13 +73,26 @@ def start(arguments, action, description="", rows=(), slepc=False):
         The command's own options.
     slepc : bool
         Whether to start SLEPc too.
+    solver : str
+        The option that must be given, as it chooses the solver; PETSc's own default does not solve
+        these equations.
+    complete : callable
+        ``complete(texts)`` returns the texts of all options of a run, {name: text}, from those that
+        were given.
+
+    Returns
+    -------
+    int
+        0 after success, `STOPPED` if a signal stopped the run, and 1 after an error.
     """
+    sys.stdout = Pipe(sys.stdout)
     wants_help = any(argument in HELP for argument in arguments)
-    given = file_first([argument for argument in arguments if argument not in HELP])
-    missing = [name for flag, name in zip(given, given[1:])
-               if flag == "-options_file" and not os.path.isfile(name)]
-    if missing:
-        given = given[:1]  # so that PETSc starts, and all ranks can end together
+    given, problem = [argument for argument in arguments if argument not in HELP], None
+    try:
+        check_command_line(given[1:])
+    except OptionError as error:
+        given, problem = given[:1], error  # so that PETSc starts, and all ranks can end together
+    given = file_first(given)
     if slepc:
         import slepc4py
         slepc4py.init(given)
@@ -59,45 +102,296 @@ def start(arguments, action, description="", rows=(), slepc=False):
     from petsc4py import PETSc
 
     comm = PETSc.COMM_WORLD
-    if comm.size > 1:  # Debian's h5py has MPI where mpiexec left its traces, which srun does not
-        os.environ.setdefault("H5PY_ALWAYS_USE_MPI", "1")
+    apart = comm.tompi4py().Dup()  # so that waiting for the others meets no message of the work
     try:
-        if missing:
-            raise OptionError(f"-options_file {missing[0]}: there is no such file")
+        if problem:
+            raise problem
         database = PETSc.Options()
+        everything = database.getAll()
         # getAll splits values at blanks; getString gives them whole, and counts them as used.
-        texts = {name: database.getString(name, "") for name in database.getAll()
+        texts = {name: database.getString(name, "") for name in everything
                  if name.startswith(options.PREFIX) or name in {row.name for row in rows}}
-        parameters = cases.read(texts)
-        own_values = _own(texts, rows, database.getAll())
         if wants_help:
             if comm.rank == 0:
-                print(help_text(description, rows, parameters.rows), flush=True)
-        else:
-            action(parameters, own_values, comm)
+                print(help_text(description, rows, _rows_for_help(texts)), flush=True)
+            return 0
+        parameters = cases.read(complete(texts))
+        _check_names(everything, rows, parameters.rows)
+        values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
+                                    else row.default for row in rows})
+        if solver and not database.hasName(solver):
+            raise OptionError(
+                f"-{solver}: no solver is chosen, and PETSc's own default does not solve these "
+                "equations; give -options_file with one of the files of options/, such as "
+                "options/biaxial.opts (share/pgran/options of an installation)")
+        action(parameters, values, comm)
         return 0
-    except TOLD as error:
-        if comm.rank == 0:
-            print(f"pgran: error: {error.as_option()}", file=sys.stderr, flush=True)
-        return 1
-    except BaseException:
-        traceback.print_exc()
-        sys.stderr.flush()
-        if comm.size > 1:
-            comm.tompi4py().Abort(1)
-        return 1
+    except BaseException as error:
+        return _told(error, comm, apart)
 
 
-def _own(texts, rows, everything):
-    """Values of a command's own options, {name: value}; refuses what is nearly one of them."""
-    names = {row.name for row in rows}
-    for name in everything:
-        if rows and name not in names and not name.startswith(options.PREFIX):
-            hint = options.hint(name, names, prefix="")
-            if hint.startswith("did you mean") and len(name) > 3:
-                raise OptionError(f"-{name}: no such option; {hint}")
-    return SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
-                              else row.default for row in rows})
+def _told(error, comm, apart):
+    """Report an error once; return the exit code. Ends all ranks if only some have met it."""
+    from petsc4py import PETSc
+
+    if isinstance(error, PETSc.Error) and isinstance(error.__cause__, (*TOLD, Interrupted)):
+        error = error.__cause__
+    code = STOPPED if isinstance(error, Interrupted) else 1
+    if isinstance(error, SystemExit):
+        code, text = error.code or 0, ""
+    elif isinstance(error, Interrupted):
+        text = f"pgran: {error.as_option()}"
+    elif isinstance(error, TOLD):
+        text = f"pgran: error: {error.as_option()}"
+    elif isinstance(error, PETSc.Error):
+        text = f"pgran: error: {_petsc_words(error)}"
+    elif isinstance(error, MemoryError):
+        text = ("pgran: error: not enough memory; larger elements, fewer of them, or more ranks on "
+                f"more machines need less{f' ({error})' if str(error) else ''}")
+    else:
+        text = "".join(traceback.format_exception(error)).rstrip()
+    together = _all_come(apart)
+    if text and (comm.rank == 0 or not together):
+        print(text, file=sys.stderr, flush=True)
+    if not together:
+        print(f"pgran: error: rank {comm.rank} fails and others do not; all are ended",
+              file=sys.stderr, flush=True)
+        comm.tompi4py().Abort(1)
+    return code
+
+
+def _all_come(comm):
+    """Return whether all ranks come here within `TOGETHER` seconds."""
+    request, end = comm.Ibarrier(), time.monotonic() + TOGETHER
+    while not request.Test():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.001)
+    return True
+
+
+def _petsc_words(error):
+    """Return what PETSc says of an error, and which option it may come from, in one line."""
+    from petsc4py import PETSc
+
+    lines = [re.sub(r"^\[\d+\] ?", "", line).strip() for line in str(error).splitlines()]
+    said = [line for line in lines if line and not re.search(r"\(\) (at|line) ", line)]
+    text = " ".join(said[1:] or said)
+    database = PETSc.Options()
+    named = [f"-{name} {value}" for name, value in database.getAll().items()
+             if value and len(value) > 1 and re.search(rf"\b{re.escape(value)}\b", text)]
+    return f"{', '.join(named)}: {text}" if named else f"PETSc: {text}"
+
+
+def _rows_for_help(texts):
+    try:
+        return cases.read({name: text for name, text in texts.items()
+                           if name[len(options.PREFIX):] in {kind.name for kind in cases.KINDS}}
+                          ).rows
+    except TOLD:
+        return cases.read({}).rows
+
+
+# The command line, before PETSc reads it
+
+def is_option(text):
+    """Return whether a word of a command line is the name of an option, and no number."""
+    return bool(re.match(r"--?[A-Za-z_]", text))
+
+
+def check_command_line(words, where="command line"):
+    """Raise `OptionError` where the words of a command line are not ``-name [value]``.
+
+    Files that ``-options_file`` names are checked too.
+    """
+    expected = False  # whether a value may follow
+    for word, value in zip(words, [*words[1:], ""]):
+        if is_option(word):
+            if word.startswith("--"):
+                raise OptionError(f"{word}: options begin with one dash, as in {word[1:]}")
+            if word == "-options_file":
+                if not value or is_option(value):
+                    raise OptionError("-options_file: the name of a file is missing")
+                read_file(value)
+            expected = True
+        elif expected:
+            expected = False
+        else:
+            raise OptionError(f"{word}: not an option, nor the value of one; options begin with a "
+                              f"dash ({where})")
+
+
+def read_file(path, above=()):
+    """Return the options of a file, {name: text}; those of files that it names are among them.
+
+    Raises
+    ------
+    OptionError
+        If a file cannot be read, or a line is not ``-name [value]``.
+    """
+    label = f"-options_file {path}"
+    if not os.path.exists(path):
+        raise OptionError(f"{label}: there is no such file")
+    if os.path.realpath(path) in above:
+        raise OptionError(f"{label}: it names itself")
+    try:
+        lines = Path(path).read_bytes().decode().splitlines()
+    except (OSError, UnicodeDecodeError) as problem:
+        raise OptionError(f"{label}: it cannot be read as text "
+                          f"({getattr(problem, 'strerror', None) or 'not UTF-8'})") from None
+    found = {}
+    for number, line in enumerate(lines, 1):
+        def refuse(reason):
+            raise OptionError(f"{label}, line {number}: {reason}")  # noqa: B023  # used at once
+
+        if "\0" in line:
+            refuse("it is no text")
+        try:
+            words = shlex.split(line, comments=True)
+        except ValueError as problem:
+            refuse(str(problem).lower())
+        if not words:
+            continue
+        name, *value = words
+        if not is_option(name) or name.startswith("--"):
+            refuse(f"{name} is no option; a line holds -name value")
+        if len(value) > 1:
+            refuse(f"{' '.join(value[1:])} is too much; a line holds one option, -name value")
+        if name == "-options_file":
+            found.update(read_file(value[0] if value else "",
+                                   (*above, os.path.realpath(path))))
+        found[name[1:]] = value[0] if value else ""
+    return found
+
+
+def file_first(arguments):
+    """Return ``arguments`` with -options_file at the front, so that the command line wins over it.
+
+    PETSc reads its arguments in order, and a file where it stands.
+    """
+    program, *rest = arguments
+    files = []
+    while "-options_file" in rest[:-1]:
+        place = rest.index("-options_file")
+        files += rest[place:place + 2]
+        del rest[place:place + 2]
+    return [program, *files, *rest]
+
+
+# Names that nothing reads
+
+def misspelt(name, other):
+    """Return whether two names differ as a misspelling does: by a letter or two."""
+    a, b = (re.sub(r"\d+", "#", text.replace("-", "_")) for text in (name, other))
+    if a == b:
+        return name != other and "-" in name
+    longest, changed = [[0] * (len(b) + 1) for _ in range(2)], range(len(b) + 1)
+    longest = list(changed)
+    for i, letter in enumerate(a, 1):  # the distance of Levenshtein
+        row = [i]
+        for j, its in enumerate(b, 1):
+            row.append(min(longest[j] + 1, row[-1] + 1, longest[j - 1] + (letter != its)))
+        longest = row
+    return longest[-1] <= (1 if min(len(a), len(b)) < 5 else 2)
+
+
+def _check_names(everything, rows, run_rows):
+    """Refuse a name that is nearly one of this command, of a run, or of PETSc."""
+    mine = {row.name: f"-{row.name}" for row in rows}
+    runs = {row.name: f"-{row.prefix}{row.name}" for row in run_rows}
+    for name, value in everything.items():
+        if name in mine or name.startswith(options.PREFIX):
+            continue
+        head = name.replace("-", "_").split("_")[0]
+        near = [text for known, text in mine.items() if len(name) > 3 and misspelt(name, known)]
+        near += [text for known, text in runs.items()
+                 if name == known or misspelt(name, text[1:])]
+        if not near and head not in HEADS:
+            near = [f"-{known}{name[len(head):]}" for known in HEADS if misspelt(head, known)]
+        if near:
+            raise OptionError(f"-{name} {value or ''}".rstrip() + ": no such option; did you mean "
+                              + " or ".join(near[:3]) + "?")
+
+
+def unread():
+    """Return the options of PETSc that nothing has read so far, {name: text}."""
+    from petsc4py import PETSc
+
+    library, used, found = ctypes.CDLL(PETSc.__file__), ctypes.c_int(0), {}
+    for name, value in PETSc.Options().getAll().items():
+        used.value = 0
+        library.PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
+        if not used.value and name != "options_file" and not LAST.match(name):
+            found[name] = value or ""
+    return found
+
+
+def report_unread(comm):
+    """Tell which options nothing has read. Collective.
+
+    Raises
+    ------
+    OptionError
+        If one of them is nearly one that was read, or a common one.
+    """
+    from petsc4py import PETSc
+
+    left = unread()
+    known = (set(PETSc.Options().getAll()) - set(left)) | set(COMMON)
+    for name, value in left.items():
+        near = [other for other in sorted(known) if misspelt(name, other)]
+        if near and name not in COMMON:
+            raise OptionError(f"-{name} {value}".rstrip() + ": no such option; did you mean "
+                              + " or ".join(f"-{other}" for other in near[:3]) + "?")
+    if left and comm.rank == 0:
+        print("pgran: note: nothing has read " + ", ".join(
+            f"-{name} {value}".rstrip() for name, value in left.items()), file=sys.stderr,
+            flush=True)
+
+
+# What a command meets on its way
+
+class Pipe:
+    """Standard output that goes on in silence when whoever read it has gone."""
+
+    def __init__(self, stream):
+        self._stream = stream
+
+    def __getattr__(self, name):
+        return getattr(self._stream, name)
+
+    def write(self, text):
+        """Write ``text``."""
+        return self._try(lambda: self._stream.write(text))
+
+    def flush(self):
+        """Write what waits."""
+        self._try(self._stream.flush)
+
+    def _try(self, action):
+        try:
+            return action()
+        except BrokenPipeError:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
+            return None
+
+
+class Signals:
+    """Notes the signals that ask a run to stop. Calling it gives the name of one, or None."""
+
+    def __init__(self):
+        self._name = None
+        for number in SIGNALS:
+            signal.signal(number, self._note)
+
+    def _note(self, number, frame):
+        self._name = signal.Signals(number).name
+
+    def __call__(self):
+        """Return the name of the signal that came, or None."""
+        return self._name
 
 
 def help_text(description, rows, run_rows):
@@ -127,6 +421,7 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
     runs : bool
         Whether the command takes the options of a run.
     """
+    sys.stdout = Pipe(sys.stdout)
     try:
         if not arguments or any(argument in HELP for argument in arguments):
             more = f"\n\n{options.help_text(cases.read({}).rows)}" if runs else ""
@@ -178,20 +473,6 @@ def parse(arguments, rows, operands, runs):
         texts[name] = arguments[position]
         position += 1
     return texts, found
-
-
-def file_first(arguments):
-    """Return ``arguments`` with -options_file at the front, so that the command line wins over it.
-
-    PETSc reads its arguments in order, and a file where it stands.
-    """
-    program, *rest = arguments
-    files = []
-    while "-options_file" in rest[:-1]:
-        place = rest.index("-options_file")
-        files += rest[place:place + 2]
-        del rest[place:place + 2]
-    return [program, *files, *rest]
 
 
 def steady():

@@ -53,6 +53,14 @@ class ParameterError(ValueError):
         return f"-{self.prefix}{_named(self.name, self.value)}: {_spelled(self.reason)}"
 
 
+class Interrupted(Exception):
+    """A run was asked to stop before its end; the message names parameters as `SolutionError`'s."""
+
+    def as_option(self):
+        """Return the message with the names that the options have on the command line."""
+        return _spelled(str(self))
+
+
 class SolutionError(RuntimeError):
     """A run cannot go on; the message names parameters as ``@name``, and PETSc's as ``@@name``."""
 
@@ -98,6 +106,10 @@ class Option:
         What is accepted, where the other attributes do not say it.
     needs : str
         The option without which this one means nothing.
+    suffix : str
+        What the name of a file must end in.
+    changeable : bool
+        Whether a run that goes on from a checkpoint may change the value.
     """
 
     name: str
@@ -116,6 +128,8 @@ class Option:
     prefix: str = PREFIX
     words: str = ""
     needs: str = ""
+    suffix: str = ""
+    changeable: bool = False
 
     @property
     def allowed(self):
@@ -127,7 +141,7 @@ class Option:
         if self.kind in ("bool", "flag"):
             return "true | false"
         if self.kind == "str":
-            return "text"
+            return f"a file name that ends in {self.suffix}" if self.suffix else "text"
         noun = {"int": "an integer", "float": "a number"}.get(self.kind)
         if noun is None:
             things = "integers" if self.kind == "ints" else "numbers"
@@ -153,7 +167,8 @@ class Option:
         """
         text = str(text).strip()
         if self.kind == "str":
-            if (self.choices and text not in self.choices) or not text:
+            if (self.choices and text not in self.choices) or not text \
+                    or not text.endswith(self.suffix):
                 self.refuse(text)
             return text
         if self.kind in ("bool", "flag"):
@@ -219,11 +234,16 @@ RUN = (
     Option("body_force", "floats", (0.0, 0.0), "stress/d", "body force b1,b2 per volume", "(2.2)",
            length=2, shared=("restart",)),
     Option("output", "str", "results/pgran.h5", "", "result file; NAME.xdmf is written beside it, "
-           "and an earlier file is kept under a numbered name"),
-    Option("restart", "str", None, "", "result file whose snapshot gives geometry and fields "
-           "(only with -ts_type pseudo)"),
-    Option("restart_snapshot", "int", -1, "", "which snapshot of that file; a negative number "
-           "counts from the end", needs="restart"),
+           "and an earlier file is kept under a numbered name", suffix=".h5", changeable=True),
+    Option("restart", "str", None, "", "result file from which to start: with -ts_type beuler the "
+           "run goes on from its newest good checkpoint, with -ts_type pseudo one of its snapshots "
+           "gives geometry and fields", changeable=True),
+    Option("restart_snapshot", "int", -1, "", "which snapshot of that file, with -ts_type pseudo; "
+           "a negative number counts from the end", needs="restart", changeable=True),
+    Option("checkpoint_steps", "int", None, "", "write a checkpoint after this many steps; by time "
+           "unless given", low=1, changeable=True),
+    positive("checkpoint_minutes", 10.0, "min", "write a checkpoint after this many minutes; one "
+             "is also written at the end of a run, and when it is stopped", changeable=True),
     Option("seed", "str", None, "", "file of a mode, as pgran.eigen writes it; the run starts from "
            "the reference flow plus this mode"),
     positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode",
@@ -232,20 +252,21 @@ RUN = (
              "last two states: that of the velocity is taken relative to its departure from the "
              "reference flow, that of the stress deviator relative to the yield stress; a step "
              "that exceeds it twice is repeated smaller, but not below a tenth of the time of "
-             "elastic loading", "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0)"),
+             "elastic loading", "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0)",
+             changeable=True),
     positive("step_perturbation", 1e-3, "", "smallest departure from the reference flow that "
-             "step_error resolves, relative to the largest velocity"),
+             "step_error resolves, relative to the largest velocity", changeable=True),
     positive("step_first", None, "1/gdot0", "first time step; a tenth of the time of elastic "
-             "loading unless given", "mu_s P0/(10 G)"),
-    positive("step_max", 0.01, "1/gdot0", "largest time step"),
+             "loading unless given", "mu_s P0/(10 G)", changeable=True),
+    positive("step_max", 0.01, "1/gdot0", "largest time step", changeable=True),
     positive("step_min", 1e-8, "1/gdot0", "smallest time step; the run stops with an error below "
-             "it"),
+             "it", changeable=True),
     Option("step_growth", "float", 1.5, "", "largest ratio of successive steps", low=1.0,
-           open_low=True),
+           open_low=True, changeable=True),
     positive("grain_diameter", None, "m", "d in SI units, for the scales in the result file"),
     positive("grain_density", None, "kg/m^3", "rho_s in SI units, for the scales"),
     Option("progress", "str", "brief", "", "what the terminal shows: every step, some fifty lines "
-           "a run, or only errors", choices=("steps", "brief", "quiet")),
+           "a run, or only errors", choices=("steps", "brief", "quiet"), changeable=True),
 )
 
 

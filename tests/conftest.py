@@ -57,6 +57,11 @@ def at_rest(form, x, theta, time=0.0, stress=None):
     return form.increment(x, form.no_stress() if stress is None else stress, theta, time)
 
 
+def owned_elements(grid):
+    """Return which of the local elements this rank owns, (n,) bool."""
+    return np.isin(np.arange(grid.n_elements), grid.elements.owned)
+
+
 def lattice_noise(lattice, seed):
     """Random numbers at the local points of a lattice that do not depend on the ranks."""
     nx, ny = lattice.shape

@@ -125,7 +125,7 @@ def test_a_storage_term_of_a_model_enters_residual_and_jacobian():
     # The storage of a linear rate, summed over all nodes, is its integral times the coefficient.
     total = COMM.allreduce((stored - without).sum())
     weight = COMM.allreduce(sum(
-        (g.weight * (1.0 + SHAPE @ x[0][grid.element_nodes[:, b]]) * grid.element_owned[b]).sum()
+        (g.weight * (1.0 + SHAPE @ x[0][grid.element_nodes[:, b]]) * owned_elements(grid)[b]).sum()
         for b in form.batches for g in [at_rest(form, x, 0.2).geometry[b]]))
     assert total == pytest.approx(3.0 * weight, rel=1e-12)
     shift, change, size = 7.0, noise(grid, 11), 1e-6
@@ -177,7 +177,7 @@ def test_loads_have_their_sign_and_size(load, area):
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
     still = grid.join(np.zeros_like(x), np.ones(grid.nodes.size), np.zeros(grid.corners.size))
     # The sum over all nodes; the pressures on the faces of the specimen cancel each other.
-    rows = form._forces(still, np.zeros(grid.n_local), at_rest(form, x, 0.0))
+    rows = form.forces(still, np.zeros(grid.n_local), at_rest(form, x, 0.0))
     total = [COMM.allreduce(part.sum()) for part in grid.split(rows)[0][:, grid.nodes.owned]]
     np.testing.assert_allclose(total, [-0.2 * area, 0.1 * area], rtol=1e-12)
 
@@ -317,7 +317,7 @@ def manufactured_fields(material, law, theta):
 def errors(form, local, step, fields):
     """L2 errors of v, g and P."""
     total = np.zeros(3)
-    owned = form.grid.element_owned
+    owned = owned_elements(form.grid)
     for number, batch in enumerate(form.batches):
         p = form.points(local, step, number)
         nodal = local[form.grid.element_unknowns[:, batch]]

@@ -15,10 +15,10 @@ from ..options import BOTH, Option, ParameterError, positive
 
 #: The rows of a case that is counted by time.
 TIME = (
-    positive("end_time", 1.0, "1/gdot0", "where the run ends"),
+    positive("end_time", 1.0, "1/gdot0", "where the run ends", changeable=True),
     Option("snapshots", "floats", None, "1/gdot0", "times at which the fields are written, each "
            "reached exactly; times beyond the end are left out, and the end is always written",
-           low=0.0, open_low=True),
+           low=0.0, open_low=True, changeable=True),
 )
 
 
@@ -222,6 +222,13 @@ class Case(ABC):
         if not any(force):
             return None
         return lambda x: np.reshape(force, (2,) + (1,) * (x.ndim - 1))
+
+    def misplaced(self, time, x, i, j):
+        """Return which nodes have left the domain, (n,) bool, and in words how; None if none can.
+
+        ``x`` (2, n) are the nodes ``i``, ``j`` (n,) at a time.
+        """
+        return None
 
     def yield_factor(self, i, j):
         """Return mu_s of elements over its nominal value, (n,)."""

@@ -32,10 +32,10 @@ class Biaxial(PureShear):
         Option("plates_slip", "bool", True, "", "let the specimen slip along the plates; otherwise "
                "both plates carry it with the v1 of homogeneous flow", shared=BOTH),
         Option("compression", "float", 0.10, "", "where the run ends, 1 - h/H", "h = H exp(D2 t)",
-               low=0.0, high=1.0, open_low=True, open_high=True),
+               low=0.0, high=1.0, open_low=True, open_high=True, changeable=True),
         Option("snapshots", "floats", None, "", "compressions at which the fields are written, "
                "each reached exactly; those beyond the end are left out, and the end is always "
-               "written", low=0.0, high=1.0, open_low=True, open_high=True),
+               "written", low=0.0, high=1.0, open_low=True, open_high=True, changeable=True),
     )
     observables = "compression", "top_stress"
     counted_by = "compression"
@@ -93,6 +93,12 @@ class Biaxial(PureShear):
             values[0, ends] = 0.5 * x1 * np.exp(0.5 * time)
         values[1, j == 2 * self.shape[1]] = -0.5 * self.parameters.height * np.exp(-0.5 * time)
         return values
+
+    def misplaced(self, time, x, i, j):
+        """Return which nodes besides those of the plates lie on or beyond a plate, (n,) bool."""
+        top = self.parameters.height * (1.0 - self.count(time))
+        free = (j > 0) & (j < 2 * self.shape[1])
+        return free & ((x[1] <= 0.0) | (x[1] >= top)), "a free face reaches a plate"
 
     def tractions(self, time):
         """Return the lateral stress on both faces."""

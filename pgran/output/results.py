@@ -7,7 +7,10 @@ run that stops later loses nothing that was written.
 """
 
 import os
+import uuid
+from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from xml.sax.saxutils import quoteattr
 
 import h5py
@@ -15,18 +18,34 @@ import numpy as np
 from petsc4py import PETSc
 
 from .. import __version__, cases
-from ..options import PREFIX, ParameterError, written
+from ..material.elasticity import COMPONENTS
+from ..options import PREFIX, OptionError, ParameterError, plain, written
+from ..space.element import DIM
+from .checkpoint import checkpoints_of
+from .files import Disk, Draft, Lock, blocks_of, local_part, together, told, write_blocks, write_text
 
+#: Version of the layout of result files.
+FORMAT = 2
 #: The columns of the history that every run has; a case adds its observables.
 HISTORY = ("time", "step_size", "newton_iterations", "linear_iterations", "inertial_number_min",
            "inertial_number_max")
+#: Those of a run in time: energies in stress d^2 and the volume in d^2, per unit depth.
+BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
 INTEGERS = ("newton_iterations", "linear_iterations")
+#: Components of fields that have any, (shape).
+FIELDS = {"coordinates": (DIM,), "velocity": (DIM,), "deviator": (COMPONENTS,)}
+#: Largest share of the time that writing the history takes.
+SHARE = 0.02
+#: Root attributes that say how a run ended.
+ENDING = {"complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
+          "linear_iterations", "seconds", "memory", "ranks"}
 
 
 class Writer:
     """Writes the results of a run. Every method is collective.
 
-    An earlier file of the same name is kept: it is renamed with a number.
+    Making one only takes the right to write the file; `begin` makes the file. An earlier file of
+    the same name is kept: it and its checkpoints are renamed with a number.
 
     Parameters
     ----------
@@ -38,48 +57,97 @@ class Writer:
         Further root attributes.
     option : tuple of str
         Name and prefix of the option that named the file, for messages.
+    columns : tuple of str
+        Columns of the history besides `HISTORY` and the observables of the case.
+
+    Attributes
+    ----------
+    kept : str or None
+        The new name of an earlier file.
+    run : str
+        What names the run in its result and in its checkpoints.
 
     Raises
     ------
     ParameterError
-        If the file cannot be made.
+        If the file cannot be made, or if another run writes it.
     """
 
-    def __init__(self, path, form, attributes=None, option=("output", PREFIX)):
-        self.path, self.grid, self.case, self._option = Path(path), form.grid, form.case, option
+    def __init__(self, path, form, attributes=None, option=("output", PREFIX), columns=()):
+        self.path, self.grid, self.case = Path(path), form.grid, form.case
         self.comm = self.grid.comm.tompi4py()
-        self.kept = self.root_only(self._make_room)
-        self._history = {name: [] for name in (*HISTORY, *self.case.observables)}
-        self.snapshots = []
-        with self._open("w") as file:
-            file.attrs["options"] = self.case.parameters.text()
-            file.attrs["pgran_version"] = __version__
-            file.attrs["petsc_version"] = ".".join(map(str, PETSc.Sys.getVersion()))
-            for name, value in {**self.case.scales(), **(attributes or {})}.items():
-                file.attrs[name] = value
-            file.create_group("snapshots")
-            history = file.create_group("history")
-            for name in self._history:
-                history.create_dataset(name, shape=(0,), maxshape=(None,), chunks=(1024,),
-                                       dtype="i8" if name in INTEGERS else "f8")
+        self.disk = Disk(self.comm, option[0], path, option[1])
+        self._attributes, self.kept = dict(attributes or {}), None
+        self._columns = {name: [] for name in (*HISTORY, *columns, *self.case.observables)}
+        self.snapshots, self._fields, self._free_from = [], {}, 0.0
+        self._lock = self._draft = self.run = None
+        self.disk.do(self._claim)
 
-    def root_only(self, action):
-        """Do ``action`` on rank 0; every rank gets its answer, or its `ParameterError`."""
-        answer = error = None
-        if self.comm.rank == 0:
-            try:
-                answer = action()
-            except OSError as problem:
-                error = str(problem.strerror or problem)
-        answer, error = self.comm.bcast((answer, error))
-        if error:
-            raise ParameterError(self._option[0], self.path, error, self._option[1])
-        return answer
+    # Making the file
+
+    def _claim(self):
+        """Check that the file can be written, and take the right to do so."""
+        if self.path.exists() and not self.path.is_file():
+            raise OSError("it exists and is not a regular file")
+        self._made = [folder for folder in self.path.parents if not folder.exists()]
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._lock = Lock(self.path)
+
+    @property
+    def begun(self):
+        """Whether `begin` was called."""
+        return self.run is not None
+
+    @property
+    def steps(self):
+        """How many steps the history holds."""
+        return len(self._columns["time"])
+
+    def begin(self, source=None, **attributes):
+        """Make the file, with root ``attributes`` besides those that were given.
+
+        With a `Source` the file begins with what that holds. If it is the file itself, nothing is
+        renamed.
+        """
+        self._attributes.update(attributes)
+        self.run = self.comm.bcast(uuid.uuid4().hex)
+        self.kept, self.snapshots, self._fields, self._columns = self.disk.do(
+            lambda: self._make(source))
+        if self.snapshots:
+            self._write_xdmf()
+
+    def _make(self, source):
+        attributes = {
+            "run": self.run, "format": FORMAT, "options": self.case.parameters.text(),
+            "pgran_version": __version__,
+            "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
+            **self.case.scales(), **self._attributes}
+        same = source is not None and os.path.exists(self.path) \
+            and os.path.samefile(source.path, self.path)
+        snapshots, fields = [], {}
+        draft = Draft(self.path, 0, source.path if source else None)
+        try:
+            file = draft.file
+            for group in ("snapshots", "history"):
+                file.require_group(group)
+            if source:
+                snapshots, fields = source.cut(file, self._columns)
+            for name, values in self._columns.items():
+                if name not in file["history"]:
+                    file["history"].create_dataset(
+                        name, shape=(0,), maxshape=(None,), chunks=(1024,),
+                        dtype="i8" if name in INTEGERS else "f8")
+            for name, value in attributes.items():
+                file.attrs[name] = value
+            kept = None if same else self._make_room()
+        except BaseException:
+            draft.drop()
+            raise
+        draft.publish(flush=True)
+        return kept, snapshots, fields, self._columns
 
     def _make_room(self):
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        if not os.access(self.path.parent, os.W_OK) or self.path.is_dir():
-            raise OSError("cannot be written")
+        """Rename an earlier file, its XDMF and its checkpoints; return the new name."""
         if not self.path.exists():
             return None
         number = 1
@@ -90,15 +158,55 @@ class Writer:
         if xdmf.exists():
             text = xdmf.read_text().replace(self.path.name + ":", kept.name + ":")
             kept.with_suffix(".xdmf").write_text(text)
+        for checkpoint in checkpoints_of(self.path):
+            checkpoint.rename(kept.with_name(kept.stem + checkpoint.name[len(self.path.stem):]))
         return str(kept)
 
-    def _open(self, mode):
-        return open_file(self.path, mode, self.comm, self._option)
+    # Adding to it
 
     def record(self, **values):
-        """Add an accepted step to the history; `snapshot` and `flush` write it."""
-        for name, column in self._history.items():
+        """Add an accepted step to the history.
+
+        The file has it at once, unless that took more than `SHARE` of the time since: then it has
+        it with one of the next steps.
+        """
+        for name, column in self._columns.items():
             column.append(values[name])
+        self.disk.do(self._record)
+
+    def _record(self):
+        begin = monotonic()
+        if begin < self._free_from:
+            return
+        self._rewrite(flush=False)
+        end = monotonic()
+        self._free_from = end + (end - begin) / SHARE
+
+    def _rewrite(self, flush=True, **attributes):
+        """Write the history and root attributes, on rank 0."""
+        self._open_draft(0)
+        self._publish(flush, attributes)
+
+    def _open_draft(self, room):
+        if not self.path.is_file():
+            raise OSError("it was removed while the run wrote it")
+        self._draft = Draft(self.path, room + 8 * sum(map(len, self._columns.values())), self.path)
+
+    def _publish(self, flush, attributes):
+        draft, self._draft = self._draft, None
+        try:
+            for name, values in self._columns.items():
+                data = draft.file["history"][name]
+                if data.shape[0] < len(values):
+                    done = data.shape[0]
+                    data.resize((len(values),))
+                    data[done:] = values[done:]
+            for name, value in attributes.items():
+                draft.file.attrs[name] = value
+        except BaseException:
+            draft.drop()
+            raise
+        draft.publish(flush)
 
     def snapshot(self, time, fields):
         """Write the history, and fields at the local nodes, {name: (..., n)}.
@@ -107,57 +215,86 @@ class Writer:
         """
         lattice = self.grid.nodes
         shape = lattice.shape[::-1]
-        block = (slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1))
-        inner = lattice.j1 - lattice.j0, lattice.i1 - lattice.i0
         name = f"{len(self.snapshots):04d}"
-        with self._open("a") as file:
-            group = file["snapshots"].create_group(name)
+        components = {key: value.shape[:-1] for key, value in fields.items()}
+
+        def prepare():
+            self._open_draft(8 * sum(int(np.prod(shape + size)) for size in components.values()))
+            group = self._draft.file["snapshots"].create_group(name)
             group.attrs["time"], group.attrs["label"] = time, self.case.label(time)
             group.attrs[self.case.counted_by] = self.case.count(time)
-            for key, value in fields.items():
-                components = value.shape[:-1]
-                data = group.create_dataset(key, shape + components, dtype="f8")
-                local = value[..., lattice.owned].T.reshape(inner + components)
-                if self.comm.size > 1:
-                    with data.collective:
-                        data[block] = local
-                else:
-                    data[block] = local
-            self._write_history(file)
+            for key, size in components.items():
+                group.create_dataset(key, shape + size, dtype="f8")
+
+        self.disk.do(prepare)
+        group = None if self.comm.rank else self._draft.file["snapshots"][name]
+        problem = write_blocks(self.comm, group, blocks_of(lattice, fields))
+        if problem:
+            draft, self._draft = self._draft, None
+            draft.drop()
+        self.disk.agree(None, problem)
+        self.disk.do(lambda: self._publish(True, {}))
         self.snapshots.append((name, time))
-        self.root_only(lambda: write_xdmf(
-            self.path, shape, self.snapshots,
-            {key: value.shape[:-1] for key, value in fields.items() if key != "coordinates"}))
+        self._fields = {key: size for key, size in components.items() if key != "coordinates"}
+        self._write_xdmf()
+
+    def _write_xdmf(self):
+        self.disk.do(lambda: write_xdmf(self.path, self.grid.nodes.shape[::-1], self.snapshots,
+                                        self._fields))
 
     def flush(self, **attributes):
         """Write the history, and root attributes."""
-        with self._open("a") as file:
-            self._write_history(file)
-            for name, value in attributes.items():
-                file.attrs[name] = value
+        self.disk.do(lambda: self._rewrite(**attributes))
 
-    def _write_history(self, file):
-        for name, values in self._history.items():
-            data = file["history"][name]
-            if data.shape[0] < len(values):
-                data.resize((len(values),))
-                if self.comm.rank == 0:
-                    data[...] = values
+    def close(self):
+        """Let others write the file."""
+        def release():
+            if self._lock:
+                self._lock.release()
+                for folder in self._made:
+                    if not any(folder.iterdir()):
+                        folder.rmdir()
+
+        self.disk.do(release)
 
 
-def open_file(path, mode, comm, option):
-    """Open the HDF5 file that an option names on all ranks of an mpi4py communicator. Collective.
+class Source:
+    """The part of a result that a run goes on from: what it held at a checkpoint.
 
-    ``option`` = (name, prefix).
-
-    Raises `ParameterError` where h5py cannot do so.
+    Parameters
+    ----------
+    path : str or Path
+        The result file.
+    steps, snapshots : int
+        Entries of the history, and snapshots, that it held.
     """
-    if comm.size == 1:
-        return h5py.File(path, mode)
-    if not h5py.get_config().mpi:
-        raise ParameterError(option[0], path, f"{comm.size} ranks need an h5py built with MPI",
-                             option[1])
-    return h5py.File(path, mode, driver="mpio", comm=comm)
+
+    def __init__(self, path, steps, snapshots):
+        self.path, self.steps, self.snapshots = Path(path), steps, snapshots
+
+    def cut(self, file, columns):
+        """Take from an open copy what came later; add its history to ``columns``, {name: list}.
+
+        Returns the snapshots, pairs of name and time, and the shapes of the components of their
+        fields, {name: tuple}. Raises OSError where the file holds less than it should.
+        """
+        history, groups = file["history"], file["snapshots"]
+        if len(groups) < self.snapshots or any(
+                name not in history or len(history[name]) < self.steps for name in columns):
+            raise OSError(f"{self.path} does not hold the {self.steps} steps and {self.snapshots} "
+                          "snapshots that lie before the checkpoint")
+        for name, column in columns.items():
+            history[name].resize((self.steps,))
+            column.extend(history[name][...].tolist())
+        names = sorted(groups)
+        for name in names[self.snapshots:]:
+            del groups[name]
+        for name in set(file.attrs) & ENDING:
+            del file.attrs[name]
+        kept = names[:self.snapshots]
+        fields = {key: data.shape[2:] for key, data in groups[kept[-1]].items()
+                  if key != "coordinates"} if kept else {}
+        return [(name, float(groups[name].attrs["time"])) for name in kept], fields
 
 
 def write_xdmf(path, shape, snapshots, fields):
@@ -186,9 +323,7 @@ def write_xdmf(path, shape, snapshots, fields):
                   for name, components in fields.items()]
         lines.append("</Grid>")
     lines += ["</Grid>", "</Domain>", "</Xdmf>"]
-    draft = path.with_suffix(".xdmf.tmp")
-    draft.write_text("\n".join(lines) + "\n")
-    draft.replace(path.with_suffix(".xdmf"))
+    write_text(path.with_suffix(".xdmf"), "\n".join(lines) + "\n")
 
 
 def read_snapshot(parameters, form):
@@ -221,30 +356,150 @@ def _read_fields(parameters, start, number, form, names):
     def refuse(reason):
         raise ParameterError(start, path, reason)
 
-    try:
-        with open_file(path, "r", form.grid.comm.tompi4py(), (start, PREFIX)) as file:
+    def read():
+        with opened(path) as file:
+            if start == "seed" and "growth_rate" not in file.attrs:
+                refuse("it holds no mode, as pgran.eigen writes it")
             found = sorted(file["snapshots"])
             if not -len(found) <= number < len(found):
                 refuse(f"it holds {len(found)} snapshots, and snapshot {number} is asked for")
             group = file["snapshots"][found[number]]
-            shape = group[names[0]].shape[:2]
-            if shape != lattice.shape[::-1]:
-                refuse(f"its {shape[1]} x {shape[0]} nodes are not the "
-                       f"{lattice.shape[0]} x {lattice.shape[1]} of this grid")
-            theirs = cases.read(written(file.attrs["options"]), stored=True)
+            for name in names:
+                size = FIELDS.get(name, ())
+                data = group.get(name)
+                if not isinstance(data, h5py.Dataset) or data.shape[2:] != size:
+                    refuse(f"snapshot {found[number]} has no field {name} of {len(size) + 2} "
+                           "dimensions")
+                if data.shape[:2] != lattice.shape[::-1]:
+                    refuse(f"its {data.shape[1]} x {data.shape[0]} nodes are not the "
+                           f"{lattice.shape[0]} x {lattice.shape[1]} of this grid")
+            theirs = stored_parameters(file)
             for row in parameters.rows:
                 mine, other = (getattr(of, row.name, None) for of in (parameters, theirs))
                 if start in row.shared and mine != other:
                     raise ParameterError(row.name, mine, f"{path} was made with {other}")
-            nx, ny = lattice.shape
-            j0, i0 = lattice.j.min(), lattice.i.min()
-            # Ghosts of a periodic lattice lie beyond its ends.
-            rows, columns = (np.arange(low, index.max() + 1) % n for low, index, n in (
-                (j0, lattice.j, ny), (i0, lattice.i, nx)))
-            slab = tuple(slice(index.min(), index.max() + 1) for index in (rows, columns))
-            inside = np.ix_(rows - rows.min(), columns - columns.min())
-            fields = {name: np.moveaxis(group[name][slab][inside], (0, 1), (-2, -1)).reshape(
-                group[name].shape[2:] + (-1,)) for name in names}
+            fields = {name: local_part(group[name], lattice.i, lattice.j) for name in names}
+            for name, values in fields.items():
+                if not np.isfinite(values).all():
+                    refuse(f"its field {name} is not a number everywhere")
             return dict(group.attrs), fields
-    except (OSError, KeyError) as problem:
-        refuse(f"cannot be read ({problem})")
+
+    def told_as_option():
+        try:
+            return read()
+        except ResultError as problem:
+            refuse(problem.reason)
+
+    return together(form.grid.comm.tompi4py(), told_as_option)
+
+
+class ResultError(ValueError):
+    """A file is not a result of pgran, or not a whole one; ``reason`` does not name the file."""
+
+    def __init__(self, path, reason):
+        super().__init__(f"{path}: {reason}")
+        self.reason = reason
+
+
+@contextmanager
+def opened(path, snapshots=0):
+    """Open a result file to read it, as a context. Not collective.
+
+    ``snapshots`` says how many snapshots it must hold at least.
+
+    Raises
+    ------
+    ResultError
+        If it is not one of pgran's results, or ends early, when it is opened or while it is read.
+    """
+    try:
+        if not os.path.exists(path):
+            raise ResultError(path, "there is no such file")
+        if not os.path.isfile(path):
+            raise ResultError(path, "it is not a regular file")
+        with h5py.File(path, "r", locking=False) as file:  # it is never changed in place
+            _check(path, file, snapshots)
+            yield file
+    except ResultError:
+        raise
+    except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as problem:
+        raise ResultError(path, f"it cannot be read as a result of pgran ({told(problem)})"
+                          ) from None
+
+
+def _check(path, file, snapshots):
+    """Raise `ResultError` unless a file has the layout of a result."""
+    groups = file.get("snapshots")
+    if not isinstance(groups, h5py.Group) or not isinstance(file.attrs.get("options"), str):
+        raise ResultError(path, "it is no result of pgran: /snapshots or the options are missing")
+    if len(groups) < snapshots:
+        raise ResultError(path, f"it holds {len(groups)} snapshots")
+    for name, group in groups.items():
+        coordinates = group.get("coordinates") if isinstance(group, h5py.Group) else None
+        if not isinstance(coordinates, h5py.Dataset) or coordinates.ndim != 3 \
+                or coordinates.shape[2] != DIM:
+            raise ResultError(path, f"snapshot {name} has no coordinates (ny, nx, {DIM})")
+        for key, data in group.items():
+            if not isinstance(data, h5py.Dataset) or data.dtype.kind != "f" \
+                    or data.shape[:2] != coordinates.shape[:2]:
+                raise ResultError(path, f"{key} of snapshot {name} is no field of numbers on its "
+                                  "nodes")
+
+
+def field(file, snapshot, name):
+    """Return the values (ny, nx, ...) of a field of an `opened` result; raises `ResultError`."""
+    group = file["snapshots"][snapshot]
+    if name not in group:
+        raise ResultError(file.filename, f"snapshot {snapshot} has no field {name}; it has "
+                          + ", ".join(group))
+    values = group[name][...]
+    if not np.isfinite(values).all():
+        raise ResultError(file.filename, f"field {name} of snapshot {snapshot} is not a number "
+                          "everywhere")
+    return values
+
+
+def stored_parameters(file):
+    """Return the `pgran.options.Parameters` that an open result was made with.
+
+    Raises `ResultError` where they cannot be read.
+    """
+    try:
+        return cases.read(written(file.attrs["options"]), stored=True)
+    except (OptionError, ParameterError, ValueError) as problem:
+        raise ResultError(file.filename, f"its options cannot be read ({problem})") from None
+
+
+def continued(texts):
+    """Return the options of a run that goes on from the checkpoint of another one, {name: text}.
+
+    What is not given in ``texts`` is as it was in the run that ``pgran_restart`` names, and the
+    result goes on in its file.
+
+    Raises
+    ------
+    ParameterError
+        If the file is no result, or if options contradict it.
+    """
+    path = texts[f"{PREFIX}restart"]
+    try:
+        with opened(path) as file:
+            theirs = stored_parameters(file)
+            texts_then = written(file.attrs["options"])
+    except ResultError as problem:
+        raise ParameterError("restart", path, problem.reason) from None
+    for name in ("restart", "restart_snapshot", "output", "progress"):
+        texts_then.pop(f"{PREFIX}{name}", None)
+    merged = {f"{PREFIX}output": path, **texts_then, **texts}
+    parts = {kind.name for kind in cases.KINDS}
+    apart = [name for name in parts
+             if texts.get(f"{PREFIX}{name}", getattr(theirs, name)) != getattr(theirs, name)]
+    if not apart:
+        mine = cases.read(merged)
+        apart = [row.name for row in mine.rows if not row.changeable
+                 and getattr(mine, row.name) != getattr(theirs, row.name, None)]
+    if apart:
+        raise ParameterError("restart", path, "a run that goes on cannot change " + ", ".join(
+            f"@{name} (here {texts[PREFIX + name]}, there {plain(getattr(theirs, name, None))})"
+            for name in sorted(apart)))
+    return merged

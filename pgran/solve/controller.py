@@ -8,6 +8,8 @@ TOLERATED = 2.0
 LEAST_SHARE = 0.3
 #: The next step aims at this share of the size that would just meet the limit.
 SAFETY = 0.9
+#: Times that differ by less than this share are the same.
+SAME = 1e-12
 
 
 class StepController:
@@ -30,7 +32,9 @@ class StepController:
     def __init__(self, limit, largest, growth, unresolved, targets):
         self.limit, self.largest, self.growth = limit, largest, growth
         self.unresolved, self.targets = unresolved, list(targets)
-        self._free = None  # the step that was wanted before it was cut to land on a target
+        #: The step that is wanted, before it is cut to land on a target.
+        self.wanted = None
+        self._cut = False
 
     @property
     def finished(self):
@@ -38,8 +42,15 @@ class StepController:
         return not self.targets
 
     def start(self, time, wanted):
-        """Return the first step from ``time``, where ``wanted`` would be free to choose."""
-        return self._aim(time, wanted)
+        """Return the first step from ``time``, where ``wanted`` would be free to choose.
+
+        Targets that lie behind are left out. A run that goes on passes the `wanted` of its
+        checkpoint.
+        """
+        while self.targets and self._reached(time):
+            self.targets.pop(0)
+        self.wanted = min(wanted, self.largest)
+        return self._aim(time)
 
     def smaller(self, dt, departure):
         """Return the size with which to repeat a step, or None if the step is acceptable."""
@@ -49,21 +60,25 @@ class StepController:
 
     def land(self, time):
         """Return the target that an accepted step has reached, or None; the target is then done."""
-        if self.targets and time >= self.targets[0] * (1.0 - 1e-12):
-            return self.targets.pop(0)
-        return None
+        return self.targets.pop(0) if self.targets and self._reached(time) else None
+
+    def _reached(self, time):
+        return time >= self.targets[0] * (1.0 - SAME)
 
     def next(self, time, dt, departure):
         """Return the size of the step that follows an accepted one of size ``dt``."""
         wanted = dt * min(self.growth, SAFETY * math.sqrt(self.limit / max(departure, 1e-300)))
         wanted = max(wanted, min(self.unresolved, dt * self.growth))
-        if self._free is not None:
-            wanted = max(wanted, self._free)
-        return self._aim(time, min(wanted, self.largest))
+        if self._cut:
+            wanted = max(wanted, self.wanted)
+        self.wanted = min(wanted, self.largest)
+        return self._aim(time)
 
-    def _aim(self, time, wanted):
-        """Return ``wanted``, or what lands on the next target without leaving a sliver."""
+    def _aim(self, time):
+        """Return the step that is wanted, or what lands on the next target without a sliver."""
+        if not self.targets:
+            return self.wanted
         left = self.targets[0] - time
-        dt = left if wanted >= left * (1.0 - 1e-9) else min(wanted, 0.5 * left)
-        self._free = wanted if dt < wanted else None
+        dt = left if self.wanted >= left * (1.0 - 1e-9) else min(self.wanted, 0.5 * left)
+        self._cut = dt < self.wanted
         return dt

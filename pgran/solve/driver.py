@@ -8,13 +8,16 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..options import OptionError, ParameterError, SolutionError
+from ..options import Interrupted, OptionError, ParameterError, SolutionError
 from ..space import multigrid
+from ..space.element import NODES, Geometry, least_determinant
+from .balance import Balance
 from .controller import StepController
+from .failure import described, name_of
 from .state import TimeStep, velocity
 
 #: What a callback may raise on all ranks together.
-ERRORS = SolutionError, ParameterError, OptionError
+ERRORS = SolutionError, ParameterError, OptionError, Interrupted
 
 
 class Flow:
@@ -26,20 +29,19 @@ class Flow:
         1/gdot0.
     """
 
-    def __init__(self, form, time, local, rate, increment):
-        self.form, self.time = form, time
-        self._solution = local, rate, increment
+    def __init__(self, form, time, forces, x):
+        self.form, self.time, self._forces, self._x = form, time, forces, x
         self._comm = form.grid.comm.tompi4py()
 
     def reaction(self, side):
         """Return the force (2,) on a side of the material, stress times d. Collective."""
-        return self._comm.allreduce(self.form.reaction(*self._solution, side))
+        return self._comm.allreduce(self.form.reaction(self._forces, side))
 
     def extent(self, side):
         """Return the lengths (2,) of a side along x1 and x2, d. Collective."""
         grid = self.form.grid
         nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
-        x = self._solution[2].x[:, nodes]
+        x = self._x[:, nodes]
         highest, lowest = np.empty(len(x)), np.empty(len(x))
         self._comm.Allreduce(x.max(axis=1, initial=-np.inf), highest, MPI.MAX)
         self._comm.Allreduce(x.min(axis=1, initial=np.inf), lowest, MPI.MIN)
@@ -62,6 +64,10 @@ class Driver:
         Whether to find the steady flow by pseudo-time instead of following the flow in time.
     targets : sequence of float, optional
         Times to land on, 1/gdot0; those of the case unless given.
+    behind : dict, optional
+        The `values` of a checkpoint that the run goes on from.
+    interrupted : callable, optional
+        ``interrupted()`` says on each rank whether the run shall stop, as a text, or None.
 
     Attributes
     ----------
@@ -72,20 +78,46 @@ class Driver:
         How many steps were repeated because they departed too far.
     """
 
-    def __init__(self, form, state, observer, steady=False, targets=None):
+    def __init__(self, form, state, observer, steady=False, targets=None, behind=None,
+                 interrupted=None):
         self.form, self.case, self.grid = form, form.case, form.grid
         self.parameters, self.state, self.observer = form.case.parameters, state, observer
         self.steady, self.comm, self.rejected = steady, form.grid.comm.tompi4py(), 0
+        self._behind, self._interrupted = dict(behind or {}), interrupted or (lambda: None)
         parameters, unresolved = self.parameters, 0.1 * form.material.loading_time
-        targets = form.case.targets if targets is None else targets
+        targets = [] if steady else form.case.targets if targets is None else targets
+        self._check_targets(targets)
         self.controller = StepController(parameters.step_error, parameters.step_max,
-                                         parameters.step_growth, unresolved,
-                                         [] if steady else targets)
+                                         parameters.step_growth, unresolved, targets)
         self._first_step = parameters.step_first or min(parameters.step_max, unresolved)
+        if self._first_step < parameters.step_min:
+            raise ParameterError(
+                "step_min", parameters.step_min, "the first step, a tenth of the time of elastic "
+                f"loading, is {self._first_step:.3g}, which is smaller; allowed is less than it, a "
+                f"smaller @shear_modulus than {parameters.shear_modulus:g}, or a @step_first")
         self._dt = self._step = self._committed = None
-        self._attempts, self._starting = 0, False
-        self._time = 0.0 if steady else state.time
+        self._attempts, self._starting, self._failure = 0, False, None
+        self._time = self._behind.get("ts_time", 0.0 if steady else state.time)
+        self.balance = None if steady else self._balance()
         self.ts = self._create_ts()
+
+    def _check_targets(self, targets):
+        least = self.parameters.step_min
+        for before, after in zip([self.state.time, *targets], targets):
+            if 0.0 < after - before < least:
+                raise ParameterError(
+                    "step_min", least, f"two times to reach lie closer, {self.case.label(before)} "
+                    f"and {self.case.label(after)}; allowed is less than {after - before:.3g}")
+
+    def _balance(self):
+        names = "stored", "work", "dissipation", "received", "dissipated"
+        if self._behind:
+            return Balance(**{name: self._behind.get(name) for name in names})
+        state, still = self.state, not self.comm.allreduce(bool(self.state.stress.any()), MPI.LOR)
+        stored, _ = self.form.stored(state.local, state.stress,
+                                     Geometry(state.x[:, self.grid.element_nodes]))
+        power = 0.0 if still else None  # without stress nothing works yet
+        return Balance(stored, received=power, dissipated=power)
 
     def _create_ts(self):
         form = self.form
@@ -107,8 +139,12 @@ class Driver:
         ts.setMaxSteps(10**9)
         ts.setErrorIfStepFails(False)
         ts.setTime(self._time)
+        ts.setStepNumber(int(self._behind.get("steps", 0)))
         ts.setTimeStep(self._first_step)
         ts.setFromOptions()
+        if ts.getMaxSteps() < 1:
+            raise ParameterError("ts_max_steps", ts.getMaxSteps(), "allowed is an integer >= 1",
+                                 prefix="")
         self.schur = multigrid.configure(ts.getSNES().getKSP(), form)
         return ts
 
@@ -130,8 +166,13 @@ class Driver:
         if self._dt is not None and abs(dt - self._dt) <= 1e-9 * dt:  # equal but for rounding
             return self._step
         if 0.0 < dt < self.parameters.step_min:
-            raise SolutionError(f"no step down to @step_min {self.parameters.step_min:g} "
-                                f"converges at time {self.state.time:.6g}")
+            least = f"@step_min {self.parameters.step_min:g}"
+            now = f"at {self.case.label(self.state.time)} (time {self.state.time:.6g})"
+            if self._failure is None:
+                raise SolutionError(f"the step that is wanted {now} is {dt:.3g}, below {least}")
+            why, cure = self._failure
+            raise SolutionError(f"no step down to {least} converges {now}: {why}. What may help: "
+                                f"{cure}")
         self._attempts += 1
         self._dt, self._step = dt, TimeStep(self.form, self.state, dt, self.steady)
         return self._step
@@ -145,6 +186,7 @@ class Driver:
 
     def _ifunction(self, ts, time, u, rate, f):
         with PETSc.Log.Stage("Residual"):
+            self._stop_if_asked()
             grid = self.grid
             local, local_rate = grid.to_local(u), grid.to_local(rate)
             f.setArray(self.form.residual(local, local_rate, self._increment(ts, time)))
@@ -156,6 +198,12 @@ class Driver:
             if self.schur is not None:
                 self.form.pressure_mass(local, increment, self.schur)
 
+    def _stop_if_asked(self):
+        """Raise `Interrupted` on all ranks if one of them was asked to stop."""
+        asked = [text for text in self.comm.allgather(self._interrupted()) if text]
+        if asked:
+            raise Interrupted(asked[0])
+
     # Acceptance
 
     def solve(self):
@@ -164,12 +212,17 @@ class Driver:
         Raises
         ------
         SolutionError
-            If no step converges, or no flow becomes steady.
+            If no step converges, no flow becomes steady, or the mesh cannot go on.
+        Interrupted
+            If the run was asked to stop.
         """
         u = self.grid.create_vector()
         self.grid.from_local(self.state.local, u)
         if not self.steady:
-            self.ts.setTimeStep(self.controller.start(self.state.time, self.ts.getTimeStep()))
+            self.ts.setTimeStep(self.controller.start(
+                self.state.time, self._behind.get("wanted", self.ts.getTimeStep())))
+            if self.controller.finished:
+                return
         try:
             with PETSc.Log.Stage("Solve"):
                 self.ts.solve(u)
@@ -179,7 +232,10 @@ class Driver:
             raise
         reason, reasons = self.ts.getConvergedReason(), PETSc.TS.ConvergedReason
         if reason < 0:
-            raise SolutionError(f"TS stopped with reason {reason} at time {self._time:.6g}")
+            why, cure = self._failure or ("no step was accepted", "a smaller @step_max")
+            raise SolutionError(
+                f"TS stopped at {self.case.label(self.state.time)} ({name_of(reasons, reason)}): "
+                f"{why}. What may help: {cure}")
         if self.steady and reason in (reasons.CONVERGED_ITS, reasons.CONVERGED_TIME):
             raise SolutionError(
                 f"no steady flow within @@ts_max_steps {self.ts.getMaxSteps()}: the residual is "
@@ -196,6 +252,8 @@ class Driver:
         """Start Newton's method from the last two states; only from the last after a failure."""
         # A failed attempt has made a step before, and may have left anything in u.
         dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
+        if self._attempts and snes.getConvergedReason() < 0:
+            self._failure = described(snes, self.form, self._step.increment.x)
         self.grid.from_local(self.state.extrapolated(dt)[0], u)
         self._starting = True
 
@@ -206,51 +264,84 @@ class Driver:
         state, local, step = self.state, self.grid.to_local(ts.getSolution()), self.time_step(dt)
         step.dt = dt  # as TS counts it, which differs by rounding
         stress = self.form.stress(local, step.increment)
-        departure = 0.0
         if not self.steady:
             departure = step.departure(local, stress, self.parameters.step_perturbation)
             smaller = self.controller.smaller(dt, departure)
             if smaller is not None:
                 self.rejected += 1
+                self._failure = (f"the last step, of {dt:.3g}, departs {departure:.3g} from the "
+                                 "extrapolation", "a larger @step_error")
                 ts.rollBack()
                 ts.setTimeStep(smaller)
                 return
-        self.state = step.end(local, stress)
+        end = step.end(local, stress)
+        if not self.steady:
+            self._check_mesh(end)
+        self.state, self._failure = end, None
         self._committed = local, (local - state.local) / dt, step.increment
         self._time, self._dt, self._attempts = ts.getTime(), None, 0
         target = self.controller.land(self.state.time)
         if target is not None:
             self.state.time = target
+        if not self.steady:
+            ts.setTimeStep(self.controller.next(self.state.time, dt, departure))
+            if self.controller.finished:
+                ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
         self.observer(self, target is not None, self._report(dt))
-        if self.steady:
-            return
-        if self.controller.finished:
-            ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
-            return
-        ts.setTimeStep(self.controller.next(self.state.time, dt, departure))
+
+    def _check_mesh(self, state):
+        """Refuse a state whose mesh is turned inside out, or leaves its domain. Collective."""
+        nodes, owned = self.grid.nodes, self.grid.nodes.owned
+        turned = least_determinant(state.x[:, self.grid.element_nodes])
+        found = None
+        if not (turned > 0.0).all():
+            middle = state.x[:, self.grid.element_nodes[NODES // 2]]
+            found = "an element is turned inside out", middle[:, np.argmin(turned)].tolist()
+        out = self.case.misplaced(state.time, state.x[:, owned], nodes.i[owned], nodes.j[owned])
+        if out is not None and found is None and out[0].any():
+            found = out[1], state.x[:, owned][:, np.argmax(out[0])].tolist()
+        found = [answer for answer in self.comm.allgather(found) if answer]
+        if found:
+            what, at = found[0]
+            raise SolutionError(
+                f"the mesh cannot go on at {self.case.label(state.time)}: {what} at x = "
+                f"({at[0]:.4g}, {at[1]:.4g}) d. What may help: an earlier end, or a smaller "
+                "@step_max or @step_error")
 
     def _report(self, dt):
         """The columns of the history for the step that was just accepted."""
         snes, (local, rate, increment) = self.ts.getSNES(), self._committed
         I = self.form.inertial_number(local, increment)
-        return {
+        forces = self.form.forces(local, rate, increment)
+        report = {
             "time": self.state.time,
             "step_size": dt,
             "newton_iterations": snes.getIterationNumber(),
             "linear_iterations": snes.getLinearSolveIterations(),
             "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),
             "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX),
-            **self.case.observe(Flow(self.form, self.state.time, local, rate, increment))}
+            **self.case.observe(Flow(self.form, self.state.time, forces, increment.x))}
+        if self.balance:
+            self.balance.add(dt, *self.form.power(local, forces, increment))
+            report.update(self.balance.report(*self.form.stored(
+                local, self.state.stress, Geometry(self.state.x[:, self.grid.element_nodes]))))
+        return report
 
     # What observers ask for
 
     def cost(self):
         """Return the steps and iterations so far, those of repeated steps included."""
         ts = self.ts
-        return {"steps": ts.getStepNumber(),
-                "steps_repeated": self.rejected + ts.getStepRejections(),
-                "newton_iterations": ts.getSNESIterations(),
-                "linear_iterations": ts.getKSPIterations()}
+        return {"steps": ts.getStepNumber(), **{
+            name: int(self._behind.get(name, 0)) + count for name, count in (
+                ("steps_repeated", self.rejected + ts.getStepRejections()),
+                ("newton_iterations", ts.getSNESIterations()),
+                ("linear_iterations", ts.getKSPIterations()))}}
+
+    def values(self):
+        """Return the numbers of a checkpoint: what a `Driver` needs as ``behind``. Collective."""
+        return {**self.cost(), **self.balance.values(), **self.state.values(self.grid),
+                "ts_time": self._time, "wanted": self.controller.wanted or self._first_step}
 
     def fields(self):
         """Return the nodal fields of the last state, {name: (..., n_nodes)}, for `Writer.snapshot`.
@@ -261,5 +352,3 @@ class Driver:
         return {"coordinates": self.state.x, "velocity": velocity(self.form, local, self.state.x),
                 **self.form.nodal_fields(local, increment),
                 "deviator": np.array([self.form.at_nodes(part) for part in self.state.stress])}
-
-

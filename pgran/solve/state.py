@@ -12,8 +12,10 @@ from mpi4py import MPI
 
 from ..material.elasticity import rotated, stress_rate
 from ..options import ParameterError
-from ..output.results import read_mode, read_snapshot
-from ..space.element import SHAPE
+from ..output import checkpoint
+from ..output.files import Disk
+from ..output.results import opened, read_mode, read_snapshot
+from ..space.element import DIM, SHAPE
 
 
 class State:
@@ -49,12 +51,67 @@ class State:
         return (self.local + dt * self.rate,
                 self.stress + dt / self.dt * (self.stress - self.earlier))
 
+    # On any number of ranks
+
+    def arrays(self, grid):
+        """Return the arrays of a checkpoint, as `pgran.output.checkpoint.write` has them."""
+        nodes, corners = {"coordinates": self.x}, {}
+        for kind, local in (("", self.local), ("_rate", self.rate)):
+            velocity, fluidity, corners[f"pressure{kind}"] = grid.split(local)
+            nodes[f"velocity{kind}"] = velocity
+            if fluidity is not None:
+                nodes[f"fluidity{kind}"] = fluidity
+        elements = {"stress": self.stress}
+        if self.earlier is not None:
+            elements["earlier_stress"] = self.earlier
+        return {"nodes": nodes, "corners": corners, "elements": elements}
+
+    def values(self, grid):
+        """Return the numbers of a checkpoint. Collective."""
+        return {"time": self.time, "dt": self.dt, "period": _period(grid, self.x)}
+
+    @classmethod
+    def of(cls, form, values, arrays):
+        """Return the state that `values` and `arrays` describe, at the local points of a form."""
+        grid, nodes, corners = form.grid, arrays["nodes"], arrays["corners"]
+        x, lattice = nodes["coordinates"].copy(), grid.nodes
+        for index, n, period in zip((lattice.i, lattice.j), lattice.shape, values["period"]):
+            x += np.outer(period, index // n)  # beyond the ends of a periodic grid
+        local, rate = (grid.join(nodes[f"velocity{kind}"], nodes.get(f"fluidity{kind}"),
+                                 corners[f"pressure{kind}"]) for kind in ("", "_rate"))
+        stress, earlier = (
+            None if part is None else np.ascontiguousarray(part)
+            for part in (arrays["elements"]["stress"], arrays["elements"].get("earlier_stress")))
+        dt = values.get("dt")
+        return cls(float(values["time"]), x, local, stress, None if dt is None else float(dt),
+                   earlier, rate)
+
     def past(self, dt, angle):
         """Return f and S of `stress_rate` for a step ``dt`` that turns by ``angle`` (points, n)."""
         stress = rotated(self.stress, angle)
         if self.dt is None:
             return stress_rate(dt, stress)
         return stress_rate(dt, stress, self.dt, rotated(self.earlier, angle))
+
+
+def _period(grid, x):
+    """Return by how much nodes move once around the grid, along i and along j, (2, 2), d.
+
+    Zero where the grid is not periodic. Collective.
+    """
+    nodes, found = grid.nodes, np.zeros((DIM, DIM))
+
+    def owns(i, j):
+        return nodes.i0 <= i < nodes.i1 and nodes.j0 <= j < nodes.j1
+
+    for axis in (axis for axis, wrap in enumerate(grid.periodic) if wrap):
+        last, end = [0, 0], [0, 0]
+        last[axis], end[axis] = nodes.shape[axis] - 1, nodes.shape[axis]
+        if owns(*last):
+            found[axis] += x[:, nodes.index(*end)]
+        if owns(0, 0):
+            found[axis] -= x[:, nodes.index(0, 0)]
+    return grid.comm.tompi4py().allreduce(found)
 
 
 def _unknowns(form, fields, x):
@@ -119,6 +176,37 @@ def steady_start(form):
     local = grid.join(fields["velocity"], fields["fluidity"], pressure)
     stress = SHAPE @ fields["deviator"][:, grid.element_nodes]
     return State(float(attributes["time"]), fields["coordinates"], local, stress)
+
+
+def checkpoint_start(form):
+    """Return the `State` of the newest good checkpoint of the run that a restart names. Collective.
+
+    Returns
+    -------
+    state : State
+    values : dict
+        The numbers of the checkpoint.
+    damaged : list of str
+        Newer checkpoints that could not be read.
+
+    Raises
+    ------
+    ParameterError
+        If there is none.
+    """
+    path = form.case.parameters.restart
+    disk = Disk(form.grid.comm.tompi4py(), "restart", path)
+
+    def run():
+        with opened(path) as file:
+            return file.attrs.get("run", "")
+
+    def accept(file):
+        return {name: value.item() if np.ndim(value) == 0 and hasattr(value, "item") else value
+                for name, value in file.attrs.items()}, checkpoint.read_arrays(file, form.grid)
+
+    (values, arrays), _, damaged = checkpoint.newest(path, disk.do(run), accept, disk)
+    return State.of(form, values, arrays), values, damaged
 
 
 def velocity(form, local, x):

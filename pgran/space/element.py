@@ -51,6 +51,9 @@ SHAPE_SLOPE = np.array([_tensor(_N, _DN), _tensor(_DN, _N)])
 CORNER_SHAPE = _tensor(_L, _L)
 #: Q1 shape functions at the Q2 nodes, (nodes, corners).
 CORNER_AT_NODES = _tensor(linear([-1.0, 0.0, 1.0]), linear([-1.0, 0.0, 1.0]))
+#: Reference derivatives of the Q2 shape functions at the corners, (directions, corners, nodes).
+_ENDS = quadratic([-1.0, 1.0])
+CORNER_SLOPE_Q2 = np.array([_tensor(_ENDS[0], _ENDS[1]), _tensor(_ENDS[1], _ENDS[0])])
 #: Gauss weights, (points,).
 WEIGHTS = np.outer(WEIGHTS_1D, WEIGHTS_1D).ravel()
 #: Values at the Q2 nodes of the biquadratic through the Gauss points, (nodes, points).
@@ -101,6 +104,17 @@ class Geometry:
     def pull_back(self, flux):
         """Return weight * sum_i (d xi_r/d x_i) flux_i of ``flux``, both (2, points, n)."""
         return self.weight * (self.inverse[0] * flux[0] + self.inverse[1] * flux[1])
+
+
+def least_determinant(x):
+    """Return the smallest determinant (n,) of the map of elements ``x`` (2, nodes, n), d^2.
+
+    It is taken over the Gauss points and the corners; where it is not positive, the element is
+    turned inside out.
+    """
+    slope = np.concatenate([SHAPE_SLOPE, CORNER_SLOPE_Q2], axis=1)
+    (x_1, x_2), (y_1, y_2) = ([slope[r] @ x[i] for r in range(DIM)] for i in range(DIM))
+    return (x_1 * y_2 - x_2 * y_1).min(axis=0)
 
 
 def side_force(x, traction):

@@ -12,6 +12,8 @@ so that every row it owns is complete without communication: residual and
 Jacobian need one ghost exchange of the unknowns and nothing else.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -80,6 +82,9 @@ class Grid:
     ----------
     element_unknowns : ndarray, (rows, n)
         Local numbers of the unknowns of each element, block by block.
+    elements : SimpleNamespace
+        The elements as this rank sees them, with the attributes that a `Lattice` has for points:
+        shape, i, j, owned, and the ranges i0 to i1 and j0 to j1 of the owned ones.
     blocks : dict
         The rows of ``element_unknowns`` that belong to v1, v2, g and P, {name: slice}.
     element_nodes, element_corners : ndarray, (nodes, n) and (corners, n)
@@ -144,8 +149,11 @@ class Grid:
         j, i = np.mgrid[first[1]:last[1], first[0]:last[0]]
         self.element_i, self.element_j = i.ravel(), j.ravel()
         self.n_elements = self.element_i.size
-        #: Elements that no other rank owns.
-        self.element_owned = (self.element_i >= corners.i0) & (self.element_j >= corners.j0)
+        owned = (self.element_i >= corners.i0) & (self.element_j >= corners.j0)
+        self.elements = SimpleNamespace(
+            shape=self.shape, i=self.element_i, j=self.element_j, owned=np.flatnonzero(owned),
+            i0=corners.i0, j0=corners.j0, i1=min(corners.i1, self.shape[0]),
+            j1=min(corners.j1, self.shape[1]))
         a, b = np.arange(NODES), np.arange(CORNERS)
         self.element_nodes = nodes.index(2 * self.element_i + a[:, None] % 3,
                                          2 * self.element_j + a[:, None] // 3)

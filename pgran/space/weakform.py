@@ -211,6 +211,63 @@ class WeakForm:
         return {"fluidity": fluidity, "pressure": pressure, "inertial_number": I,
                 "stress_ratio": mu}
 
+    # Energy
+
+    def power(self, local, forces, increment):
+        """Return the power that the material receives and the power that it dissipates. Collective.
+
+        ::
+
+            received   = sum over held nodes f.v + <t, v> + (b, v) + (sigma, L_0)
+            dissipated = (sigma', D_p) = (g mu, mu P)
+
+        ``forces`` (n_local,) are those of `forces`. For the solution, what is received is what is
+        dissipated plus the rate of what is stored. Both in stress d^2 gdot0 (per unit depth).
+        """
+        grid, case = self.grid, self.case
+        owned, base = grid.nodes.owned, case.base_gradient
+        local = np.where(self.held, increment.prescribed, local)
+        velocity, _, _ = grid.split(local)
+        reaction, _, _ = grid.split(np.where(self.held, forces, 0.0))
+        received = ((reaction + increment.load) * velocity)[:, owned].sum()
+
+        def densities(p):
+            answer = p.response
+            dissipated = answer.fluidity * answer.stress_ratio**2 * p.P
+            given = np.zeros_like(dissipated)
+            if np.any(base):
+                s11, s22, s12 = p.deviator()
+                given += ((s11 - p.P) * base[0, 0] + (s22 - p.P) * base[1, 1]
+                          + s12 * (base[0, 1] + base[1, 0]))
+            if case.body_force is not None:
+                given += (case.body_force(p.x) * p.velocity).sum(axis=0)
+            return np.array([given, dissipated])
+
+        weight = increment.geometry.weight
+        inside, dissipated = self._over_elements(
+            weight * self._collect(local, increment, densities))
+        return grid.comm.tompi4py().allreduce(np.array([received + inside, dissipated]))
+
+    def stored(self, local, stress, geometry):
+        """Return the stored energy and the volume, stress d^2 and d^2 per unit depth. Collective.
+
+        The energy is sigma':sigma'/(4 G) of the deviator ``stress`` (3, points, n), and with
+        inertia also phi rho_s v^2/2.
+        """
+        s11, s22, s12 = stress
+        energy = (s11**2 + s22**2 + 2.0 * s12**2) / (4.0 * self.material.G)
+        if self.storage["velocity"]:
+            velocity, _, _ = self.grid.split(local)
+            nodal = velocity[:, self.grid.element_nodes]
+            energy = energy + 0.5 * self.storage["velocity"] * sum(
+                (element.SHAPE @ part)**2 for part in nodal)
+        sums = self._over_elements(geometry.weight * np.array([energy, np.ones_like(energy)]))
+        return self.grid.comm.tompi4py().allreduce(sums)
+
+    def _over_elements(self, values):
+        """Sums (k,) of values (k, points, n) over the elements that this rank owns."""
+        return values[..., self.grid.elements.owned].sum(axis=(1, 2))
+
     # Residual
 
     def residual(self, local, rate, increment):
@@ -219,19 +276,23 @@ class WeakForm:
         ``local`` are the unknowns and ``rate`` their time derivatives, (n_local,).
         Rows of prescribed unknowns hold value minus prescribed value.
         """
-        total = self._forces(local, rate, increment)
+        total = self.forces(local, rate, increment)
         total[self.held] = (local - increment.prescribed)[self.held]
         return total[self.grid.owned]
 
-    def reaction(self, local, rate, increment, side):
-        """Return the force (2,) of a side on the owned nodes of the material, stress times d."""
-        grid = self.grid
-        nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
-        velocity, _, _ = grid.split(self._forces(local, rate, increment))
-        return velocity[:, nodes].sum(axis=1)
+    def reaction(self, forces, side):
+        """Return the force (2,) of a side on the owned nodes of the material, stress times d.
 
-    def _forces(self, local, rate, increment):
-        """The residual before the rows of prescribed unknowns are replaced, (n_local,)."""
+        ``forces`` (n_local,) are those of `forces`.
+        """
+        nodes = np.intersect1d(self.grid.side_nodes(side), self.grid.nodes.owned)
+        return self.grid.split(forces)[0][:, nodes].sum(axis=1)
+
+    def forces(self, local, rate, increment):
+        """Return the residual before the rows of prescribed unknowns are replaced, (n_local,).
+
+        At nodes that are held its part of the velocity is the force on the material, stress times d.
+        """
         grid = self.grid
         local = np.where(self.held, increment.prescribed, local)
         if any(self.storage.values()):
@@ -414,7 +475,8 @@ class BatchPoints:
         self.elements = nodal.shape[1]
         self.geometry = increment.geometry[batch]
         base, theta = form.case.base_gradient, increment.theta
-        gradients = [self.geometry.gradient(nodal[grid.blocks[name]]) for name in grid.velocities]
+        self._nodal_velocity = [nodal[grid.blocks[name]] for name in grid.velocities]
+        gradients = [self.geometry.gradient(part) for part in self._nodal_velocity]
         l11, l12 = gradients[0] + np.reshape(base[0], (DIM, 1, 1))
         l21, l22 = gradients[1] + np.reshape(base[1], (DIM, 1, 1))
         s11, s22, s12 = increment.stress[:, :, batch] * (theta / 2.0)
@@ -433,6 +495,11 @@ class BatchPoints:
     def x(self):
         """Coordinates of the Gauss points, (2, points, n)."""
         return element.SHAPE @ self._x[:, self._nodes]
+
+    @property
+    def velocity(self):
+        """Velocity at the Gauss points, base flow left out, (2, points, n)."""
+        return np.array([element.SHAPE @ part for part in self._nodal_velocity])
 
     def deviator(self):
         """Return sigma' = 2 viscosity D~, (3, points, n): 11, 22, 12."""

@@ -1,0 +1,264 @@
+"""Files that are written whole or not at all, by rank 0, with errors that all ranks share.
+
+A file is never changed in place. A draft of its next version is written under a private name,
+flushed to the disk, and renamed. Whoever reads the file, and whatever kills the run, finds the last
+whole version. Only rank 0 touches the disk: it receives the blocks of the other ranks one after the
+other. A full disk, a quota or a folder that disappears therefore strikes one rank in Python, which
+tells the others, and none of them is left waiting in a collective write of HDF5.
+"""
+
+import fcntl
+import io
+import os
+import shutil
+import socket
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..options import PREFIX, ParameterError
+
+#: Bytes that HDF5 may need for its own structures in one update of a file.
+STRUCTURES = 1 << 20
+
+
+class Disk:
+    """What rank 0 does with the files that one option names.
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm
+    name, value : str
+        The option and what it was given, for messages.
+    prefix : str
+        What the option's name begins with.
+    """
+
+    def __init__(self, comm, name, value, prefix=PREFIX):
+        self.comm, self._option = comm, (name, value, prefix)
+
+    def do(self, action):
+        """Do ``action()`` on rank 0; every rank gets its answer, or its `ParameterError`."""
+        answer = error = None
+        if self.comm.rank == 0:
+            try:
+                answer = action()
+            except (OSError, RuntimeError, KeyError, ValueError) as problem:  # h5py raises any
+                error = told(problem)
+        return self.agree(answer, error)
+
+    def agree(self, answer, error):
+        """Return the ``answer`` of rank 0 on all ranks, or raise its ``error``, a text."""
+        answer, error = self.comm.bcast((answer, error))
+        if error:
+            name, value, prefix = self._option
+            raise ParameterError(name, value, error, prefix)
+        return answer
+
+
+def together(comm, action):
+    """Do ``action()`` on every rank, and return its answer. Collective.
+
+    If it raises a `ParameterError` on some rank, all ranks raise the first one.
+    """
+    answer = error = None
+    try:
+        answer = action()
+    except ParameterError as problem:
+        error = problem.name, problem.value, problem.reason, problem.prefix
+    for found in comm.allgather(error):
+        if found:
+            raise ParameterError(*found)
+    return answer
+
+
+def told(problem):
+    """Return what an error of the system or of HDF5 says, in one line."""
+    text = getattr(problem, "reason", None) or getattr(problem, "strerror", None) or str(problem)
+    return (text.splitlines() or [type(problem).__name__])[0]
+
+
+class Lock:
+    """The right to write a file, held by one run at a time. It ends with the process.
+
+    Raises
+    ------
+    OSError
+        If another run holds it.
+    """
+
+    def __init__(self, path):
+        self.path = Path(path).with_name(f".{Path(path).name}.lock")
+        while True:
+            self._file = open(self.path, "a+")  # noqa: SIM115  # held as long as the run
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                self._file.seek(0)
+                holder = self._file.read().strip() or "unknown"
+                self._file.close()
+                raise OSError(f"another run writes it ({holder})") from None
+            try:  # whoever held it before may have removed the file in between
+                if os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.path)):
+                    break
+            except FileNotFoundError:
+                pass
+            self._file.close()
+        self._file.truncate(0)
+        self._file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
+        self._file.flush()
+
+    def release(self):
+        """Give the right back."""
+        if not self._file.closed:
+            self.path.unlink(missing_ok=True)
+            self._file.close()
+
+
+class Draft:
+    """The next version of an HDF5 file, under a private name until it is whole.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    room : int
+        Bytes that will be added. They are reserved first, so that a full disk or a quota is met
+        here, and not inside HDF5.
+    source : Path, optional
+        The version to start from; an empty file unless given.
+    unfinished : Path, optional
+        The private name; that of `private` unless given.
+
+    Attributes
+    ----------
+    file : h5py.File
+        The draft.
+    """
+
+    def __init__(self, path, room, source=None, unfinished=None):
+        self.path, self._private = Path(path), unfinished or private(path)
+        try:
+            if source:
+                shutil.copyfile(source, self._private)
+            else:
+                self._private.write_bytes(_empty())
+            with open(self._private, "r+b") as file:
+                os.posix_fallocate(file.fileno(), 0,
+                                   os.fstat(file.fileno()).st_size + room + STRUCTURES)
+            self.file = h5py.File(self._private, "r+")
+        except BaseException:
+            self._remove()
+            raise
+
+    def publish(self, flush):
+        """Close the draft and put it in the place of the file.
+
+        ``flush`` says whether to wait until the disk has it, so that it also outlives the machine.
+        """
+        try:
+            self.file.close()
+            if flush:
+                with open(self._private, "rb") as file:
+                    os.fsync(file.fileno())
+            self._private.replace(self.path)
+            if flush:
+                folder = os.open(self.path.parent, os.O_RDONLY)
+                os.fsync(folder)
+                os.close(folder)
+        except BaseException:
+            self._remove()
+            raise
+
+    def drop(self):
+        """Forget the draft; the file stays as it is."""
+        try:
+            self.file.close()
+        finally:
+            self._remove()
+
+    def _remove(self):
+        try:
+            self._private.unlink(missing_ok=True)
+        except OSError:  # the folder may be gone or read-only
+            pass
+
+
+def private(path):
+    """Return the name under which the next version of a file is written."""
+    return Path(path).with_name(f".{Path(path).name}.part")
+
+
+def write_text(path, text):
+    """Write a text file, whole or not at all."""
+    private(path).write_text(text)
+    private(path).replace(path)
+
+
+def _empty():
+    """An HDF5 file without content, bytes."""
+    image = io.BytesIO()
+    with h5py.File(image, "w"):
+        pass
+    return image.getvalue()
+
+
+def write_blocks(comm, file, data):
+    """Write the blocks of all ranks into datasets of an open file. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm
+    file : h5py.Group or None
+        Where rank 0 writes; None on the other ranks, and on rank 0 after an error.
+    data : iterable of (str, tuple of slice, ndarray)
+        Name of a dataset, this rank's block of it, and the values of the block. All ranks give the
+        same names in the same order.
+
+    Returns
+    -------
+    str or None
+        On rank 0, what went wrong. The blocks of the other ranks were received all the same.
+    """
+    problem = None
+    for name, block, values in data:
+        if comm.rank:
+            comm.send((block, values), 0)
+            continue
+        for source in range(comm.size):
+            if source:
+                block, values = comm.recv(source=source)
+            if file is None or problem:
+                continue
+            try:
+                file[name][block] = values
+            except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+                problem = told(error)
+    return problem
+
+
+def blocks_of(lattice, fields):
+    """Yield (name, block, values) of nodal ``fields``, {name: (..., n_local)}, on a lattice.
+
+    The blocks lie in arrays (nj, ni, ...).
+    """
+    block = (slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1))
+    shape = lattice.j1 - lattice.j0, lattice.i1 - lattice.i0
+    for name, values in fields.items():
+        parts = values.shape[:-1]
+        yield name, block, np.moveaxis(
+            values[..., lattice.owned].reshape(parts + shape), (-2, -1), (0, 1)).copy()
+
+
+def local_part(data, i, j):
+    """Return the values (..., n) of a dataset (nj, ni, ...) at global indices ``i``, ``j`` (n,).
+
+    The indices fill a rectangle, ``i`` fastest. Where the grid is periodic they may lie beyond its
+    ends.
+    """
+    nj, ni = data.shape[:2]
+    rows, columns = (np.arange(index.min(), index.max() + 1) % n for index, n in ((j, nj), (i, ni)))
+    slab = tuple(slice(index.min(), index.max() + 1) for index in (rows, columns))
+    values = data[slab][np.ix_(rows - rows.min(), columns - columns.min())]
+    return np.moveaxis(values, (0, 1), (-2, -1)).reshape(data.shape[2:] + (-1,))
