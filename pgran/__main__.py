@@ -14,12 +14,12 @@ import resource
 import sys
 import time
 
-from .cli import Signals, report_unread, solver_options, start, steady
+from .cli import Signals, choose_solver, report_unread, solver_options, start, steady
 
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
-    return start(arguments, run, __doc__, solver="pc_type", complete=complete)
+    return start(arguments, run, __doc__, complete=complete)
 
 
 def complete(texts):
@@ -78,8 +78,13 @@ class Run:
         else:
             first = state.rest(form)
         self.behind = behind or {}
+        self.landed = self.source.snapshots if self.source else 0
+        direct = choose_solver()
         self.driver = Driver(form, first, self.observe, is_steady, behind=behind,
                              interrupted=Signals())
+        if direct:
+            self.terminal.say("pgran: no -pc_type is given; MUMPS solves every linear system, as "
+                              "with options/direct.opts")
         self.writer = Writer(self.parameters.output, form, columns=() if is_steady else BALANCE)
 
     def do(self):
@@ -133,6 +138,7 @@ class Run:
                 text = f"{self.case.label(now):>20}"
             self.terminal.step(driver.ts.getStepNumber(), done, text, report)
             if landed:
+                self.landed += 1
                 self.writer.snapshot(driver.state.time, driver.fields())
             if not self.steady and self.due():
                 self.checkpoint()
@@ -154,7 +160,8 @@ class Run:
 
         writer, driver = self.writer, self.driver
         writer.flush()
-        values = {**driver.values(), "history": writer.steps, "snapshots": len(writer.snapshots),
+        # A snapshot of where a run was stopped is none that the whole run has: it is not counted.
+        values = {**driver.values(), "history": writer.steps, "snapshots": self.landed,
                   "seconds": self.seconds()}
         checkpoint.write(writer.path, self.form.grid, writer.run, writer.steps, values,
                          driver.state.arrays(self.form.grid), ("output", self.parameters.output))

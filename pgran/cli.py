@@ -5,6 +5,7 @@ A command that runs on ranks passes its work to `start`; one that needs numpy on
 """
 
 import ctypes
+import json
 import os
 import re
 import shlex
@@ -35,6 +36,14 @@ HEADS = ("ts", "snes", "ksp", "pc", "mat", "vec", "dm", "da", "is", "fieldsplit"
          "stop", "debug", "memory", "objects", "check", "error", "get", "version", "citations",
          "viewer", "draw", "display", "npc", "inner", "telescope", "redundant", "use", "device",
          "cuda", "hip", "kokkos", "saws", "petsc", "skip", "python", "mpi", "not", "help", "esteig")
+#: What a run is solved with unless its options choose: options/direct.opts ...
+DIRECT = {"ts_adapt_scale_solve_failed": "0.25", "snes_linesearch_type": "basic",
+          "snes_rtol": "1e-8", "snes_atol": "1e-8", "snes_stol": "0", "snes_max_it": "12",
+          "ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps",
+          "mat_mumps_icntl_14": "100"}
+#: ... and for pseudo-time what options/steady.opts says besides.
+PSEUDO = {"ts_pseudo_increment": "2", "ts_pseudo_fatol": "1e-8", "ts_pseudo_frtol": "1e-50",
+          "ts_max_steps": "200"}
 #: Options of PETSc that a misspelt one may have meant.
 COMMON = ("ts_type", "ts_max_steps", "ts_monitor", "ts_adapt_scale_solve_failed",
           "ts_pseudo_increment", "ts_pseudo_fatol", "ts_pseudo_frtol", "snes_type", "snes_rtol",
@@ -48,12 +57,17 @@ COMMON = ("ts_type", "ts_max_steps", "ts_monitor", "ts_adapt_scale_solve_failed"
 LAST = re.compile("options_|malloc_|objects_|memory_|log_|citations|saws|on_error|not_shared")
 
 
+def as_json(answer):
+    """Return ``answer`` as one JSON object; raises ValueError where a number is not finite."""
+    return json.dumps(answer, allow_nan=False)
+
+
 def own(name, kind, meaning, default=None, **more):
     """Return the row of an option that one command has; its name carries no prefix."""
     return Option(name, kind, default, more.pop("unit", ""), meaning, prefix="", **more)
 
 
-def start(arguments, action, description="", rows=(), slepc=False, solver="",
+def start(arguments, action, description="", rows=(), slepc=False,
           complete=lambda texts: texts):
     """Start PETSc, do ``action(parameters, own, comm)`` and return the exit code. Collective.
 
@@ -73,9 +87,6 @@ def start(arguments, action, description="", rows=(), slepc=False, solver="",
         The command's own options.
     slepc : bool
         Whether to start SLEPc too.
-    solver : str
-        The option that must be given, as it chooses the solver; PETSc's own default does not solve
-        these equations.
     complete : callable
         ``complete(texts)`` returns the texts of all options of a run, {name: text}, from those that
         were given.
@@ -119,11 +130,6 @@ def start(arguments, action, description="", rows=(), slepc=False, solver="",
         _check_names(everything, rows, parameters.rows)
         values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
                                     else row.default for row in rows})
-        if solver and not database.hasName(solver):
-            raise OptionError(
-                f"-{solver}: no solver is chosen, and PETSc's own default does not solve these "
-                "equations; give -options_file with one of the files of options/, such as "
-                "options/biaxial.opts (share/pgran/options of an installation)")
         action(parameters, values, comm)
         return 0
     except BaseException as error:
@@ -483,6 +489,22 @@ def steady():
     if kind not in (PETSc.TS.Type.BEULER, PETSc.TS.Type.PSEUDO):
         raise OptionError(f"-ts_type {kind}: allowed is beuler | pseudo")
     return kind == PETSc.TS.Type.PSEUDO
+
+
+def choose_solver():
+    """Give the options of `DIRECT` that are missing, unless ``-pc_type`` says that one was chosen.
+
+    Returns whether it did so. PETSc's own defaults do not solve these equations.
+    """
+    from petsc4py import PETSc
+
+    database = PETSc.Options()
+    if database.hasName("pc_type"):
+        return False
+    for name, value in {**DIRECT, **(PSEUDO if steady() else {})}.items():
+        if not database.hasName(name):
+            database.setValue(name, value)
+    return True
 
 
 def solver_options():

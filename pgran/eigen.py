@@ -15,13 +15,12 @@ SLEPc hold.
 """
 
 import csv
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
-from .cli import JSON, TOLD, own, start
+from .cli import JSON, TOLD, as_json, report_unread, own, start
 from .options import OptionError
 
 ROWS = (
@@ -67,7 +66,7 @@ def run(parameters, asked, comm):
         raise OptionError(f"-wave_vector: {problem}") from None
     if asked.json:
         keys = ["computed", "analytic", "relative_error", "residual"]
-        say(json.dumps([{key: row[key] for key in keys + ([] if waves else ["imaginary"])}
+        say(as_json([{key: row[key] for key in keys + ([] if waves else ["imaginary"])}
                         for row in rows]))
         return
     if modes:

@@ -11,10 +11,9 @@ between slipping plates, the closed form (`pgran.theory.specimen`) and the formu
 creeps are printed beside it.
 """
 
-import json
 import sys
 
-from .cli import JSON, own, start
+from .cli import JSON, as_json, report_unread, own, start
 from .options import OptionError
 
 #: Largest displacement of the shape on which a mode is shown, d.
@@ -57,7 +56,7 @@ def run(parameters, asked, comm):
     if comm.rank:
         return
     if asked.json:
-        print(json.dumps(rows))
+        print(as_json(rows))
         return
     for row in rows:
         shown = "  ".join(

@@ -8,10 +8,9 @@ maximum of the inertial number, normal to the band, averaged along it), the rang
 the flow is localised. `pgran.output.band` says how these are found.
 """
 
-import json
 import sys
 
-from .cli import JSON, answer, own
+from .cli import JSON, answer, as_json, own
 from .output import band
 
 ROWS = own("meshes", "flag", "compare successive files instead", False), JSON
@@ -21,7 +20,7 @@ def compare(paths, as_json):
     """Print how far I changes from each mesh to the next."""
     rows = band.compare(paths)
     if as_json:
-        print(json.dumps(rows, indent=1))
+        print(as_json(rows))
         return
     print("difference of I from the next mesh, over its L2 norm and over its maximum")
     for path, row in zip(paths, rows):
@@ -46,12 +45,9 @@ def run(asked, paths):
     if asked.meshes:
         compare(paths, asked.json)
         return
-    try:
-        found = {path: band.measure(path) for path in paths}
-    except (OSError, KeyError) as problem:
-        raise ValueError(f"not a result file: {problem}") from None
+    found = {path: band.measure(path) for path in paths}
     if asked.json:
-        print(json.dumps(found[paths[0]] if len(paths) == 1 else found, indent=1))
+        print(as_json(found[paths[0]] if len(paths) == 1 else found))
         return
     for path, rows in found.items():
         print("\n".join([path, *map(describe, rows)]))

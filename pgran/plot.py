@@ -14,10 +14,7 @@ def run(asked, paths):
     from .output import pictures
 
     for path in paths:
-        try:
-            print("\n".join(str(picture) for picture in pictures.pictures(path)))
-        except (OSError, KeyError) as problem:
-            raise ValueError(f"not a result file: {problem}") from None
+        print("\n".join(str(picture) for picture in pictures.pictures(path)))
 
 
 def main(arguments):

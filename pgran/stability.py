@@ -16,12 +16,11 @@ v.k = 0. -amplification follows the wave vector as the flow turns it, to the tim
 ln(|v|/|v0|), when it is reached, and the last one.
 """
 
-import json
 import sys
 
 import numpy as np
 
-from .cli import JSON, answer, own
+from .cli import JSON, answer, as_json, own
 from .options import OptionError
 from .theory import specimen, turning, waves
 from .theory.waves import BASE_FLOWS, Coefficients
@@ -191,7 +190,7 @@ def run(parameters, asked):
     """Answer a command line on the terminal."""
     found = analyse(parameters, asked)
     if asked.json:
-        print(json.dumps(found))
+        print(as_json(found))
         return
     for key, value in found.items():
         text = "not a number: the denominator vanishes, growth is unbounded, or all is stable" \

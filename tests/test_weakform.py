@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import plain as loops
 import pytest
-from conftest import at_rest, discretised, newton, noise
+from conftest import at_rest, discretised, newton, noise, owned_elements
 from mpi4py import MPI
 
 from pgran.cases import Case, pressure, traction

@@ -7,8 +7,9 @@ other, give the uncertainty of the angle. The spread over the cuts gives that of
 on which the half maximum is not passed on both sides are left out.
 """
 
-import h5py
 import numpy as np
+
+from .results import field_of, opened
 
 #: Flow is localised where half the maximum of I is exceeded on less than this share of the area ...
 LOCALISED_AREA = 0.5
@@ -71,7 +72,7 @@ def band(x, I):
     at the middle of the specimen, d) - None where no band crosses -; ``localised``;
     ``bands``, how many stretches of the profile normal to the band exceed half its
     maximum; ``asymmetry``, the relative L2 difference of I from I turned by 180
-    degrees about the centre.
+    degrees about the centre, None where nothing flows.
     """
     area = node_areas(x)
     share = area / area.sum()
@@ -81,9 +82,12 @@ def band(x, I):
                      and calm < CALM_RATIO * I.max())
     turned = I - I[::-1, ::-1]
     found = {"localised": localised,
-             "asymmetry": float(np.sqrt((share * turned**2).sum() / (share * I**2).sum())),
+             "asymmetry": None,
              "angle": None, "angle_error": None, "width": None, "width_error": None,
              "position": None, "bands": 0}
+    if not I.any():
+        return found  # nothing flows
+    found["asymmetry"] = float(np.sqrt((share * turned**2).sum() / (share * I**2).sum()))
     cuts = half_maximum_cuts(x, I)
     count = cuts.shape[1]
     if count < 8:
@@ -147,17 +151,18 @@ def measure(path):
 
     These are the values of `band`, the attributes of the snapshot (``time``, ``label``, and what
     its case is counted by, such as ``compression``), ``inertial_number_min`` and
-    ``inertial_number_max``. Raises OSError or KeyError where the file is not one of pgran's.
+    ``inertial_number_max``.
+    Raises `pgran.output.results.ResultError` where the file is not one of pgran's.
     """
     found = []
-    with h5py.File(path, "r") as file:
-        for _, group in sorted(file["snapshots"].items()):
-            I = group["inertial_number"][...]
+    with opened(path, snapshots=1) as file:
+        for snapshot, group in sorted(file["snapshots"].items()):
+            I = field_of(file, snapshot, "inertial_number")
             attributes = {name: value if isinstance(value, str) else float(value)
                           for name, value in group.attrs.items()}
             found.append({**attributes, "inertial_number_min": float(I.min()),
                           "inertial_number_max": float(I.max()),
-                          **band(group["coordinates"][...], I)})
+                          **band(field_of(file, snapshot, "coordinates"), I)})
     return found
 
 
@@ -165,7 +170,8 @@ def compare(paths):
     """Return `mesh_differences` of the last snapshots of result files."""
     results = []
     for path in paths:
-        with h5py.File(path, "r") as file:
-            group = file["snapshots"][sorted(file["snapshots"])[-1]]
-            results.append((group["coordinates"][...], group["inertial_number"][...]))
+        with opened(path, snapshots=1) as file:
+            last = sorted(file["snapshots"])[-1]
+            results.append(tuple(field_of(file, last, name)
+                                 for name in ("coordinates", "inertial_number")))
     return mesh_differences(results)

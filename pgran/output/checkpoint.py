@@ -1,8 +1,8 @@
 """Checkpoints: all that a run needs to go on, on any number of ranks.
 
 A checkpoint of NAME.h5 is NAME.checkpoint_000120.h5, named by the steps that lie behind it. It is
-written whole or not at all, and the last `KEPT` are kept. Arrays are those of the whole grid: of its
-Q2 nodes (nj, ni, ...), corners and elements. Checksums of HDF5 tell a damaged file.
+written whole or not at all, and the last `KEPT` are kept. Arrays are those of the whole grid: of
+its Q2 nodes (nj, ni, ...), corners and elements. Checksums of HDF5 tell a damaged file.
 """
 
 import re

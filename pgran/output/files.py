@@ -91,7 +91,7 @@ class Lock:
     def __init__(self, path):
         self.path = Path(path).with_name(f".{Path(path).name}.lock")
         while True:
-            self._file = open(self.path, "a+")  # noqa: SIM115  # held as long as the run
+            self._file = open(self.path, "a+")  # held as long as the run
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:

@@ -4,13 +4,14 @@ import ctypes.util
 import os
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 if not os.environ.get("DISPLAY") and ctypes.util.find_library("OSMesa"):
     # Without a screen VTK tries X first and complains: name the renderer that needs none.
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
 import pyvista
+
+from . import results
 
 
 def surface(coordinates, fields):
@@ -52,9 +53,9 @@ def draw(path, grid, name, limits, title, bar=""):
 def field(path, snapshot, name, title):
     """Draw a scalar field of a snapshot beside the file, NAME.png; return the path."""
     target = Path(path).with_suffix(".png")
-    with h5py.File(path, "r") as file:
-        group = file["snapshots"][snapshot]
-        grid = surface(group["coordinates"][...], {name: group[name][...]})
+    with results.opened(path, snapshots=1) as file:
+        grid = surface(results.field_of(file, snapshot, "coordinates"),
+                       {name: results.field_of(file, snapshot, name)})
     draw(target, grid, name, (grid[name].min(), grid[name].max()), title, bar=name)
     return target
 
@@ -62,16 +63,17 @@ def field(path, snapshot, name, title):
 def pictures(path):
     """Draw every snapshot of a result file; return the paths of the pictures.
 
-    Raises OSError or KeyError where the file is not one of pgran's.
+    Raises `pgran.output.results.ResultError` where the file is not one of pgran's.
     """
     path, written = Path(path), []
-    with h5py.File(path, "r") as file:
-        snapshots = sorted(file["snapshots"].items())
-        largest = max(group["inertial_number"][...].max() for _, group in snapshots)
-        for name, group in snapshots:
+    with results.opened(path, snapshots=1) as file:
+        fields = {name: results.field_of(file, name, "inertial_number")
+                  for name in sorted(file["snapshots"])}
+        largest = max(I.max() for I in fields.values())
+        for name, I in fields.items():
             target = path.with_name(f"{path.stem}_{name}.png")
-            grid = surface(group["coordinates"][...], {"I": group["inertial_number"][...]})
-            draw(target, grid, "I", (0.0, largest),
-                 f"inertial number at {group.attrs['label']}")
+            grid = surface(results.field_of(file, name, "coordinates"), {"I": I})
+            label = file["snapshots"][name].attrs.get("label", "")
+            draw(target, grid, "I", (0.0, largest), f"inertial number at {label}")
             written.append(target)
     return written

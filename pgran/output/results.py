@@ -22,7 +22,17 @@ from ..material.elasticity import COMPONENTS
 from ..options import PREFIX, OptionError, ParameterError, plain, written
 from ..space.element import DIM
 from .checkpoint import checkpoints_of
-from .files import Disk, Draft, Lock, blocks_of, local_part, together, told, write_blocks, write_text
+from .files import (
+    Disk,
+    Draft,
+    Lock,
+    blocks_of,
+    local_part,
+    together,
+    told,
+    write_blocks,
+    write_text,
+)
 
 #: Version of the layout of result files.
 FORMAT = 2
@@ -132,7 +142,7 @@ class Writer:
                 file.require_group(group)
             if source:
                 snapshots, fields = source.cut(file, self._columns)
-            for name, values in self._columns.items():
+            for name in self._columns:
                 if name not in file["history"]:
                     file["history"].create_dataset(
                         name, shape=(0,), maxshape=(None,), chunks=(1024,),
@@ -256,6 +266,20 @@ class Writer:
                         folder.rmdir()
 
         self.disk.do(release)
+
+
+def write_once(path, form, fields, option=("output", PREFIX), **attributes):
+    """Write a result of one snapshot at time 0, and return its `Writer`. Collective.
+
+    ``option`` and ``attributes`` are those of a `Writer`, ``fields`` those of `Writer.snapshot`.
+    """
+    writer = Writer(path, form, attributes, option)
+    try:
+        writer.begin()
+        writer.snapshot(0.0, fields)
+    finally:
+        writer.close()
+    return writer
 
 
 class Source:
@@ -446,7 +470,7 @@ def _check(path, file, snapshots):
                                   "nodes")
 
 
-def field(file, snapshot, name):
+def field_of(file, snapshot, name):
     """Return the values (ny, nx, ...) of a field of an `opened` result; raises `ResultError`."""
     group = file["snapshots"][snapshot]
     if name not in group:

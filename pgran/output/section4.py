@@ -9,12 +9,12 @@ jobs/fig7.sh, and ``RUNS`` names their files.
 
 from pathlib import Path
 
-import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 
 from ..options import written
 from . import band as bands
+from .results import field_of, opened
 
 ANGLE, SPACING = 51.0, 24.5  # degrees and d, as the paper draws them
 MESHES = "2", "1", "0.5", "0.25"
@@ -40,15 +40,16 @@ def panels(name, directory):
         if path.exists():
             rows = bands.measure(path)
             row = next((k for k, r in enumerate(rows)
-                        if abs(r["compression"] - compression) < 1e-6), None)
+                        if abs(r.get("compression", -1.0) - compression) < 1e-6), None)
         if row is None:
             missing.append(run)
             continue
-        with h5py.File(path) as file:
-            group = file["snapshots"][sorted(file["snapshots"])[row]]
+        with opened(path) as file:
+            snapshot = sorted(file["snapshots"])[row]
             given = written(file.attrs["options"])
-            found.append({"letter": letter, "run": run, "x": group["coordinates"][...],
-                          "I": group["inertial_number"][...], "band": rows[row],
+            found.append({"letter": letter, "run": run,
+                          "x": field_of(file, snapshot, "coordinates"),
+                          "I": field_of(file, snapshot, "inertial_number"), "band": rows[row],
                           "options": given, "cost": dict(file.attrs)})
     if not found:
         raise ValueError(f"{name}: no results in {directory}; bash jobs/{name}.sh makes them")
@@ -188,7 +189,8 @@ def mesh_rows(shown):
     for coarse, fine, row in zip(shown, shown[1:], bands.mesh_differences(
             [(p["x"][:, ::-1], p["I"][:, ::-1]) if falls(p) else (p["x"], p["I"])
              for p in shown])):
-        text = (f"{coarse['run'].rsplit('_', 1)[1]} to {fine['run'].rsplit('_', 1)[1]}"
+        sizes = [float(p["options"]["pgran_element_size"]) for p in (coarse, fine)]
+        text = (f"elements of {sizes[0]:g} d to {sizes[1]:g} d"
                 f"{', mirrored' if falls(coarse) != falls(fine) else ''}: difference of I over ")
         table += [(text + "its L2 norm", "-", row["l2"]),
                   (text + "its maximum", "-", row["maximum"])]

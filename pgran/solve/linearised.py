@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from ..material.elasticity import COMPONENTS
 from ..options import SolutionError
-from ..output.results import Writer
+from ..output.results import write_once
 from ..space.element import DIM, POINTS
 from . import state as states
 
@@ -191,6 +191,5 @@ def write_mode(path, form, rate, mode, shown, option):
               "velocity": velocity, "pressure": form.corner_field(pressure)}
     if fluidity is not None:
         fields["fluidity"] = fluidity
-    writer = Writer(path, form, {"growth_rate": rate.real, "complete": True}, option)
-    writer.snapshot(0.0, fields)
+    writer = write_once(path, form, fields, option, growth_rate=rate.real, complete=True)
     return writer, "fluidity" if "fluidity" in fields else "pressure"

@@ -7,8 +7,9 @@ its infinite eigenvalues lie farthest from every shift and are never among the a
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
-from ..output.results import Writer
+from ..output.results import write_once
 from ..space.element import DIM
 from ..space.weakform import discretise
 from ..theory import waves
@@ -158,6 +159,10 @@ def eigenpairs(form, J, M, target):
     eps.setTarget(-target)
     eps.setDimensions(8)
     eps.getST().setType(SLEPc.ST.Type.SINVERT)
+    inverse = eps.getST().getKSP()  # options may choose otherwise
+    inverse.setType(PETSc.KSP.Type.PREONLY)
+    inverse.getPC().setType(PETSc.PC.Type.LU)
+    inverse.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
     eps.setFromOptions()
     eps.solve()
     found, (real, imaginary) = [], J.createVecs()
@@ -230,9 +235,7 @@ def write_mode(path, form, rate, mode):
               "pressure": form.corner_field(pressure), "speed": np.hypot(*velocity)}
     if fluidity is not None:
         fields["fluidity"] = fluidity
-    writer = Writer(path, form, {"growth_rate": rate})
-    writer.snapshot(0.0, fields)
-    return writer
+    return write_once(path, form, fields, growth_rate=rate, complete=True)
 
 
 def draw_mode(writer, name, title):
@@ -242,4 +245,4 @@ def draw_mode(writer, name, title):
 
         return pictures.field(writer.path, "0000", name, title)
 
-    return writer.root_only(picture)
+    return writer.disk.do(picture)

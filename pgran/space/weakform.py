@@ -291,7 +291,7 @@ class WeakForm:
     def forces(self, local, rate, increment):
         """Return the residual before the rows of prescribed unknowns are replaced, (n_local,).
 
-        At nodes that are held its part of the velocity is the force on the material, stress times d.
+        At held nodes the part of the velocity is the force on the material, stress times d.
         """
         grid = self.grid
         local = np.where(self.held, increment.prescribed, local)
