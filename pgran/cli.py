@@ -185,7 +185,8 @@ def _petsc_words(error):
     text = " ".join(said[1:] or said)
     database = PETSc.Options()
     named = [f"-{name} {value}" for name, value in database.getAll().items()
-             if value and len(value) > 1 and re.search(rf"\b{re.escape(value)}\b", text)]
+             if value and (len(value) > 1 and re.search(rf"\b{re.escape(value)}\b", text)
+                           or re.search(rf"\bvalue of {name.split('_')[-1]}\b", text))]
     return f"{', '.join(named)}: {text}" if named else f"PETSc: {text}"
 
 
@@ -310,9 +311,11 @@ def _check_names(everything, rows, run_rows):
             continue
         head = name.replace("-", "_").split("_")[0]
         near = [text for known, text in mine.items() if len(name) > 3 and misspelt(name, known)]
-        near += [text for known, text in runs.items()
+        if near:
+            raise OptionError(f"-{name}: no such option; did you mean {' or '.join(near)}?")
+        near = [text for known, text in runs.items()
                  if name == known or misspelt(name, text[1:])]
-        if not near and head not in HEADS:
+        if not near and len(head) > 2 and head not in HEADS:
             near = [f"-{known}{name[len(head):]}" for known in HEADS if misspelt(head, known)]
         if near:
             raise OptionError(f"-{name} {value or ''}".rstrip() + ": no such option; did you mean "

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .cli import JSON, TOLD, as_json, report_unread, own, start
+from .cli import JSON, TOLD, as_json, own, report_unread, start
 from .options import OptionError
 
 ROWS = (
@@ -60,6 +60,7 @@ def run(parameters, asked, comm):
             k = spectrum.fastest(parameters) if asked.wave_vector is None else np.array(
                 asked.wave_vector)
         form, rows, modes = spectrum.spectrum(parameters, comm, k, asked.target)
+        report_unread(comm)
     except ValueError as problem:
         if isinstance(problem, TOLD):
             raise

@@ -13,7 +13,7 @@ creeps are printed beside it.
 
 import sys
 
-from .cli import JSON, as_json, report_unread, own, start
+from .cli import JSON, as_json, own, report_unread, start
 from .options import OptionError
 
 #: Largest displacement of the shape on which a mode is shown, d.
@@ -46,6 +46,7 @@ def run(parameters, asked, comm):
         modes = linearised.fastest_modes(form, dt, without)
         rows.append({"dt": dt, "growth_rates": [[rate.real, rate.imag] for rate, _, _ in modes],
                      "residuals": [residual for _, residual, _ in modes]})
+    report_unread(comm)
     files = ()
     if modes and asked.mode:
         rate, _, mode = modes[0]

@@ -13,6 +13,11 @@ from .. import options
 from ..material import LAWS, MODELS, Material
 from ..options import BOTH, Option, ParameterError, positive
 
+#: Counts that differ by less than this share are the same.
+ROUNDING = 1e-9
+#: Most elements in one direction; more could not be counted.
+MOST = 1e9
+
 #: The rows of a case that is counted by time.
 TIME = (
     positive("end_time", 1.0, "1/gdot0", "where the run ends", changeable=True),
@@ -186,6 +191,9 @@ class Case(ABC):
         Raises `pgran.options.ParameterError` where they do not divide it.
         """
         size, side = getattr(self.parameters, name), self.parameters.element_size
+        if size / side > MOST:
+            raise ParameterError(name, f"{size:g}", f"makes {size / side:.3g} elements of "
+                                 f"@element_size {side:g}; allowed are {MOST:g}")
         count = round(size / side)
         if count < 1 or abs(count * side - size) > 1e-9 * size:
             raise ParameterError(name, f"{size:g}",
@@ -313,8 +321,15 @@ def create(parameters):
 
 
 def reached(counts, end):
-    """Return the counts (n,) at which fields are written: those before the ``end``, and it."""
-    return (*sorted({count for count in counts or () if count < end}), end)
+    """Return the counts (n,) at which fields are written: those before the ``end``, and it.
+
+    Counts that differ by rounding only are one.
+    """
+    found = [end]
+    for count in sorted(counts or (), reverse=True):
+        if count < found[-1] * (1.0 - ROUNDING):
+            found.append(count)
+    return tuple(reversed(found))
 
 
 class PureShear(Case):

@@ -45,6 +45,12 @@ class Biaxial(PureShear):
         self._shape = self.elements_along("width"), self.elements_along("height")
         self._weak = 1 if parameters.imperfection_size is None else self.elements_along(
             "imperfection_size")
+        room = [n - n // 2 for n in self._shape]
+        if parameters.imperfection != 1.0 and self._weak > min(room):
+            raise ParameterError(
+                "imperfection_size", parameters.imperfection_size, "the weak square begins at the "
+                f"centre and leaves the specimen; allowed is <= "
+                f"{min(room) * parameters.element_size:g}")
 
     @classmethod
     def resolve(cls, parameters, given):

@@ -454,8 +454,8 @@ def opened(path, snapshots=0):
 def _check(path, file, snapshots):
     """Raise `ResultError` unless a file has the layout of a result."""
     groups = file.get("snapshots")
-    if not isinstance(groups, h5py.Group) or not isinstance(file.attrs.get("options"), str):
-        raise ResultError(path, "it is no result of pgran: /snapshots or the options are missing")
+    if not isinstance(groups, h5py.Group):
+        raise ResultError(path, "it is no result of pgran: /snapshots is missing")
     if len(groups) < snapshots:
         raise ResultError(path, f"it holds {len(groups)} snapshots")
     for name, group in groups.items():
@@ -488,8 +488,11 @@ def stored_parameters(file):
 
     Raises `ResultError` where they cannot be read.
     """
+    text = file.attrs.get("options")
+    if not isinstance(text, str):
+        raise ResultError(file.filename, "it is no result of pgran: its options are missing")
     try:
-        return cases.read(written(file.attrs["options"]), stored=True)
+        return cases.read(written(text), stored=True)
     except (OptionError, ParameterError, ValueError) as problem:
         raise ResultError(file.filename, f"its options cannot be read ({problem})") from None
 

@@ -190,7 +190,7 @@ def mesh_rows(shown):
             [(p["x"][:, ::-1], p["I"][:, ::-1]) if falls(p) else (p["x"], p["I"])
              for p in shown])):
         sizes = [float(p["options"]["pgran_element_size"]) for p in (coarse, fine)]
-        text = (f"elements of {sizes[0]:g} d to {sizes[1]:g} d"
+        text = (f"h{sizes[0]:g} to h{sizes[1]:g}"
                 f"{', mirrored' if falls(coarse) != falls(fine) else ''}: difference of I over ")
         table += [(text + "its L2 norm", "-", row["l2"]),
                   (text + "its maximum", "-", row["maximum"])]

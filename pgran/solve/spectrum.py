@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..options import SolutionError
 from ..output.results import write_once
 from ..space.element import DIM
 from ..space.weakform import discretise
@@ -17,6 +18,8 @@ from . import state
 
 #: Harmonics of a cell among which the fastest is sought, each way.
 HARMONICS = 6
+#: An eigenpair whose residual is larger is none.
+LARGEST_RESIDUAL = 1e-6
 
 
 def theory(parameters, k):
@@ -67,6 +70,8 @@ def targets(parameters, k):
     most = 1 if parameters.part("model").theory == "li" else HARMONICS
     m = np.arange(1, most + 1)
     rates = theory(parameters, np.array([(a, b) for a in m for b in m]) * k)
+    if not np.isfinite(rates).all():
+        raise ValueError(f"{','.join(f'{part:g}' for part in k)}: its growth rate is not finite")
     return [float(rates.max() + 0.05 * abs(rates.max()))]
 
 
@@ -111,15 +116,25 @@ def spectrum(parameters, comm, k=None, sought=None):
         gdot0.
     modes : list of ndarray, (n_local,)
         Complex modes in the same order.
+
+    Raises
+    ------
+    SolutionError
+        If no eigenpair has a residual below `LARGEST_RESIDUAL`.
+    ValueError
+        If the theory has no finite rate for the wave vector.
     """
     part = parameters.part("case")
     parameters = part.homogeneous(parameters.replace(inertia=True))
     if k is not None:
         parameters = part.with_wave(parameters, np.asarray(k) / parameters.A)
     form, J, M = operators(parameters, comm)
-    rows, modes = [], []
+    rows, modes, dropped = [], [], []
     for target in targets(parameters, k) if sought is None else sought:
         for value, mode, error in eigenpairs(form, J, M, target):
+            if not error < LARGEST_RESIDUAL:
+                dropped.append(value)
+                continue
             row = {"computed": value.real, "imaginary": value.imag, "analytic": None,
                    "relative_error": None, "harmonic": None, "share": None, "residual": error}
             if any(abs(value - complex(r["computed"], r["imaginary"])) < 1e-6 * abs(value)
@@ -136,6 +151,10 @@ def spectrum(parameters, comm, k=None, sought=None):
             modes.append(mode)
     J.destroy()
     M.destroy()
+    if not rows:
+        raise SolutionError(f"no eigenvalue converged; {len(dropped)} were found whose residual is "
+                            f"not below {LARGEST_RESIDUAL:g}. What may help: another @@target, a "
+                            "larger @@eps_max_it, or fewer @@eps_nev")
     order = sorted(range(len(rows)), key=lambda n: -rows[n]["computed"])
     return form, [rows[n] for n in order], [modes[n] for n in order]
 

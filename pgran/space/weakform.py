@@ -11,10 +11,12 @@ body force b from the case. The elements are worked on in batches that stay in t
 one, arrays are (Gauss points, n elements).
 """
 
+import os
 from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from .. import cases
 from ..material.elasticity import COMPONENTS
@@ -25,6 +27,8 @@ from .grid import Grid
 from .matrix import BatchSum, Block, ElementMatrix, Field
 
 BATCH = 512
+#: Bytes that an unknown takes at least: its rows of the matrix, and where they are.
+LEAST_BYTES = 1000
 
 
 def discretise(parameters, comm):
@@ -43,8 +47,26 @@ def discretise(parameters, comm):
         raise ParameterError("model", parameters.model, f"@law {parameters.law} has no "
                              "cooperativity length; allowed is a local model such as li")
     case = cases.create(parameters)
+    _check_size(parameters, case, comm)
     grid = Grid(comm, case.shape, case.periodic, fluidity=case.material.model.has_fluidity)
     return WeakForm(grid, case)
+
+
+def _check_size(parameters, case, comm):
+    """Refuse a grid that PETSc cannot number or this machine cannot hold."""
+    nx, ny = case.shape
+    unknowns = (DIM + 1) * (2 * nx + 1) * (2 * ny + 1) + (nx + 1) * (ny + 1)
+    text = f"its {nx} x {ny} elements make {unknowns:.3g} unknowns"
+    if unknowns > np.iinfo(PETSc.IntType).max:
+        raise ParameterError("case", parameters.case, f"{text}, more than the indices of this "
+                             "PETSc can count; larger elements, or a PETSc configured "
+                             "--with-64-bit-indices")
+    needed = LEAST_BYTES * unknowns / comm.size
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if needed > there:
+        raise ParameterError("case", parameters.case, f"{text}, which need at least "
+                             f"{needed / 2**30:.3g} GB a rank, and this machine has "
+                             f"{there / 2**30:.3g} GB; larger elements, or more machines")
 
 
 @dataclass
