@@ -26,7 +26,7 @@ def complete(texts):
     """Add the options of the run that a restart in time goes on from, {name: text}."""
     if not texts.get("pgran_restart") or steady():
         return texts
-    from .output.results import continued
+    from .output.reading import continued
 
     return continued(texts)
 
@@ -56,7 +56,7 @@ class Run:
     """One run: its driver, its result file, its checkpoints and what it says. Collective."""
 
     def __init__(self, form, is_steady):
-        from .output.results import BALANCE, Source, Writer
+        from .output.results import BALANCE, HISTORY, Source, Writer
         from .output.terminal import Terminal
         from .solve import state
         from .solve.driver import Driver
@@ -85,7 +85,8 @@ class Run:
         if direct:
             self.terminal.say("pgran: no -pc_type is given; MUMPS solves every linear system, as "
                               "with options/direct.opts")
-        self.writer = Writer(self.parameters.output, form, columns=() if is_steady else BALANCE)
+        columns = tuple(name for name in HISTORY if not is_steady or name not in BALANCE)
+        self.writer = Writer(self.parameters.output, form, columns=columns)
 
     def do(self):
         """Run to the end; see `run` for what is raised."""

@@ -9,7 +9,7 @@ on which the half maximum is not passed on both sides are left out.
 
 import numpy as np
 
-from .results import field_of, opened
+from .reading import field_of, opened
 
 #: Flow is localised where half the maximum of I is exceeded on less than this share of the area ...
 LOCALISED_AREA = 0.5
@@ -152,7 +152,7 @@ def measure(path):
     These are the values of `band`, the attributes of the snapshot (``time``, ``label``, and what
     its case is counted by, such as ``compression``), ``inertial_number_min`` and
     ``inertial_number_max``.
-    Raises `pgran.output.results.ResultError` where the file is not one of pgran's.
+    Raises `pgran.output.reading.ResultError` where the file is not one of pgran's.
     """
     found = []
     with opened(path, snapshots=1) as file:

@@ -11,7 +11,7 @@ if not os.environ.get("DISPLAY") and ctypes.util.find_library("OSMesa"):
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
 import pyvista
 
-from . import results
+from . import reading
 
 
 def surface(coordinates, fields):
@@ -53,9 +53,9 @@ def draw(path, grid, name, limits, title, bar=""):
 def field(path, snapshot, name, title):
     """Draw a scalar field of a snapshot beside the file, NAME.png; return the path."""
     target = Path(path).with_suffix(".png")
-    with results.opened(path, snapshots=1) as file:
-        grid = surface(results.field_of(file, snapshot, "coordinates"),
-                       {name: results.field_of(file, snapshot, name)})
+    with reading.opened(path, snapshots=1) as file:
+        grid = surface(reading.field_of(file, snapshot, "coordinates"),
+                       {name: reading.field_of(file, snapshot, name)})
     draw(target, grid, name, (grid[name].min(), grid[name].max()), title, bar=name)
     return target
 
@@ -63,16 +63,16 @@ def field(path, snapshot, name, title):
 def pictures(path):
     """Draw every snapshot of a result file; return the paths of the pictures.
 
-    Raises `pgran.output.results.ResultError` where the file is not one of pgran's.
+    Raises `pgran.output.reading.ResultError` where the file is not one of pgran's.
     """
     path, written = Path(path), []
-    with results.opened(path, snapshots=1) as file:
-        fields = {name: results.field_of(file, name, "inertial_number")
+    with reading.opened(path, snapshots=1) as file:
+        fields = {name: reading.field_of(file, name, "inertial_number")
                   for name in sorted(file["snapshots"])}
         largest = max(I.max() for I in fields.values())
         for name, I in fields.items():
             target = path.with_name(f"{path.stem}_{name}.png")
-            grid = surface(results.field_of(file, name, "coordinates"), {"I": I})
+            grid = surface(reading.field_of(file, name, "coordinates"), {"I": I})
             label = file["snapshots"][name].attrs.get("label", "")
             draw(target, grid, "I", (0.0, largest), f"inertial number at {label}")
             written.append(target)

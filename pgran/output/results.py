@@ -8,7 +8,7 @@ run that stops later loses nothing that was written.
 
 import os
 import uuid
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 from xml.sax.saxutils import quoteattr
@@ -17,33 +17,20 @@ import h5py
 import numpy as np
 from petsc4py import PETSc
 
-from .. import __version__, cases
-from ..material.elasticity import COMPONENTS
-from ..options import PREFIX, OptionError, ParameterError, plain, written
-from ..space.element import DIM
+from .. import __version__
+from ..options import PREFIX, ParameterError
 from .checkpoint import checkpoints_of
-from .files import (
-    Disk,
-    Draft,
-    Lock,
-    blocks_of,
-    local_part,
-    together,
-    told,
-    write_blocks,
-    write_text,
-)
+from .files import Disk, Draft, Lock, blocks_of, local_part, together, write_blocks, write_text
+from .reading import FIELDS, ResultError, opened, stored_parameters
 
 #: Version of the layout of result files.
 FORMAT = 2
-#: The columns of the history that every run has; a case adds its observables.
-HISTORY = ("time", "step_size", "newton_iterations", "linear_iterations", "inertial_number_min",
-           "inertial_number_max")
-#: Those of a run in time: energies in stress d^2 and the volume in d^2, per unit depth.
+#: Columns of the history of a run in time: energies (stress d^2) and volume (d^2), per unit depth.
 BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
+#: All columns that a run in time has; a case adds its observables.
+HISTORY = ("time", "step_size", "newton_iterations", "linear_iterations", "inertial_number_min",
+           "inertial_number_max", *BALANCE)
 INTEGERS = ("newton_iterations", "linear_iterations")
-#: Components of fields that have any, (shape).
-FIELDS = {"coordinates": (DIM,), "velocity": (DIM,), "deviator": (COMPONENTS,)}
 #: Largest share of the time that writing the history takes.
 SHARE = 0.02
 #: Root attributes that say how a run ended.
@@ -52,7 +39,7 @@ ENDING = {"complete", "steady_residual", "steps", "steps_repeated", "newton_iter
 
 
 class Writer:
-    """Writes the results of a run. Every method is collective.
+    """Writes the results of a run. Every method but `close` is collective.
 
     Making one only takes the right to write the file; `begin` makes the file. An earlier file of
     the same name is kept: it and its checkpoints are renamed with a number.
@@ -68,7 +55,7 @@ class Writer:
     option : tuple of str
         Name and prefix of the option that named the file, for messages.
     columns : tuple of str
-        Columns of the history besides `HISTORY` and the observables of the case.
+        Columns of the history besides the observables of the case.
 
     Attributes
     ----------
@@ -83,12 +70,13 @@ class Writer:
         If the file cannot be made, or if another run writes it.
     """
 
-    def __init__(self, path, form, attributes=None, option=("output", PREFIX), columns=()):
+    def __init__(self, path, form, attributes=None, option=("output", PREFIX),
+                 columns=HISTORY):
         self.path, self.grid, self.case = Path(path), form.grid, form.case
         self.comm = self.grid.comm.tompi4py()
         self.disk = Disk(self.comm, option[0], path, option[1])
         self._attributes, self.kept = dict(attributes or {}), None
-        self._columns = {name: [] for name in (*HISTORY, *columns, *self.case.observables)}
+        self._columns = {name: [] for name in (*columns, *self.case.observables)}
         self.snapshots, self._fields, self._free_from = [], {}, 0.0
         self._lock = self._draft = self.run = None
         self.disk.do(self._claim)
@@ -257,15 +245,14 @@ class Writer:
         self.disk.do(lambda: self._rewrite(**attributes))
 
     def close(self):
-        """Let others write the file."""
-        def release():
-            if self._lock:
-                self._lock.release()
-                for folder in self._made:
-                    if not any(folder.iterdir()):
-                        folder.rmdir()
-
-        self.disk.do(release)
+        """Let others write the file. Not collective, as it may follow an error of one rank."""
+        if not self._lock:
+            return
+        with suppress(OSError):  # the folder may be gone
+            self._lock.release()
+            for folder in self._made:
+                if not any(folder.iterdir()):
+                    folder.rmdir()
 
 
 def write_once(path, form, fields, option=("output", PREFIX), **attributes):
@@ -415,118 +402,3 @@ def _read_fields(parameters, start, number, form, names):
             refuse(problem.reason)
 
     return together(form.grid.comm.tompi4py(), told_as_option)
-
-
-class ResultError(ValueError):
-    """A file is not a result of pgran, or not a whole one; ``reason`` does not name the file."""
-
-    def __init__(self, path, reason):
-        super().__init__(f"{path}: {reason}")
-        self.reason = reason
-
-
-@contextmanager
-def opened(path, snapshots=0):
-    """Open a result file to read it, as a context. Not collective.
-
-    ``snapshots`` says how many snapshots it must hold at least.
-
-    Raises
-    ------
-    ResultError
-        If it is not one of pgran's results, or ends early, when it is opened or while it is read.
-    """
-    try:
-        if not os.path.exists(path):
-            raise ResultError(path, "there is no such file")
-        if not os.path.isfile(path):
-            raise ResultError(path, "it is not a regular file")
-        with h5py.File(path, "r", locking=False) as file:  # it is never changed in place
-            _check(path, file, snapshots)
-            yield file
-    except ResultError:
-        raise
-    except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as problem:
-        raise ResultError(path, f"it cannot be read as a result of pgran ({told(problem)})"
-                          ) from None
-
-
-def _check(path, file, snapshots):
-    """Raise `ResultError` unless a file has the layout of a result."""
-    groups = file.get("snapshots")
-    if not isinstance(groups, h5py.Group):
-        raise ResultError(path, "it is no result of pgran: /snapshots is missing")
-    if len(groups) < snapshots:
-        raise ResultError(path, f"it holds {len(groups)} snapshots")
-    for name, group in groups.items():
-        coordinates = group.get("coordinates") if isinstance(group, h5py.Group) else None
-        if not isinstance(coordinates, h5py.Dataset) or coordinates.ndim != 3 \
-                or coordinates.shape[2] != DIM:
-            raise ResultError(path, f"snapshot {name} has no coordinates (ny, nx, {DIM})")
-        for key, data in group.items():
-            if not isinstance(data, h5py.Dataset) or data.dtype.kind != "f" \
-                    or data.shape[:2] != coordinates.shape[:2]:
-                raise ResultError(path, f"{key} of snapshot {name} is no field of numbers on its "
-                                  "nodes")
-
-
-def field_of(file, snapshot, name):
-    """Return the values (ny, nx, ...) of a field of an `opened` result; raises `ResultError`."""
-    group = file["snapshots"][snapshot]
-    if name not in group:
-        raise ResultError(file.filename, f"snapshot {snapshot} has no field {name}; it has "
-                          + ", ".join(group))
-    values = group[name][...]
-    if not np.isfinite(values).all():
-        raise ResultError(file.filename, f"field {name} of snapshot {snapshot} is not a number "
-                          "everywhere")
-    return values
-
-
-def stored_parameters(file):
-    """Return the `pgran.options.Parameters` that an open result was made with.
-
-    Raises `ResultError` where they cannot be read.
-    """
-    text = file.attrs.get("options")
-    if not isinstance(text, str):
-        raise ResultError(file.filename, "it is no result of pgran: its options are missing")
-    try:
-        return cases.read(written(text), stored=True)
-    except (OptionError, ParameterError, ValueError) as problem:
-        raise ResultError(file.filename, f"its options cannot be read ({problem})") from None
-
-
-def continued(texts):
-    """Return the options of a run that goes on from the checkpoint of another one, {name: text}.
-
-    What is not given in ``texts`` is as it was in the run that ``pgran_restart`` names, and the
-    result goes on in its file.
-
-    Raises
-    ------
-    ParameterError
-        If the file is no result, or if options contradict it.
-    """
-    path = texts[f"{PREFIX}restart"]
-    try:
-        with opened(path) as file:
-            theirs = stored_parameters(file)
-            texts_then = written(file.attrs["options"])
-    except ResultError as problem:
-        raise ParameterError("restart", path, problem.reason) from None
-    for name in ("restart", "restart_snapshot", "output", "progress"):
-        texts_then.pop(f"{PREFIX}{name}", None)
-    merged = {f"{PREFIX}output": path, **texts_then, **texts}
-    parts = {kind.name for kind in cases.KINDS}
-    apart = [name for name in parts
-             if texts.get(f"{PREFIX}{name}", getattr(theirs, name)) != getattr(theirs, name)]
-    if not apart:
-        mine = cases.read(merged)
-        apart = [row.name for row in mine.rows if not row.changeable
-                 and getattr(mine, row.name) != getattr(theirs, row.name, None)]
-    if apart:
-        raise ParameterError("restart", path, "a run that goes on cannot change " + ", ".join(
-            f"@{name} (here {texts[PREFIX + name]}, there {plain(getattr(theirs, name, None))})"
-            for name in sorted(apart)))
-    return merged

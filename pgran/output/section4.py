@@ -14,7 +14,7 @@ import numpy as np
 
 from ..options import written
 from . import band as bands
-from .results import field_of, opened
+from .reading import field_of, opened
 
 ANGLE, SPACING = 51.0, 24.5  # degrees and d, as the paper draws them
 MESHES = "2", "1", "0.5", "0.25"

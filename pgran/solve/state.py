@@ -14,7 +14,8 @@ from ..material.elasticity import rotated, stress_rate
 from ..options import ParameterError
 from ..output import checkpoint
 from ..output.files import Disk
-from ..output.results import opened, read_mode, read_snapshot
+from ..output.reading import opened
+from ..output.results import read_mode, read_snapshot
 from ..space.element import DIM, SHAPE
 
 

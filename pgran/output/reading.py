@@ -1,0 +1,131 @@
+"""Reading result files, by h5py only: what is no whole result is refused with the reason."""
+
+import os
+from contextlib import contextmanager
+
+import h5py
+import numpy as np
+
+from .. import cases
+from ..material.elasticity import COMPONENTS
+from ..options import PREFIX, OptionError, ParameterError, plain, written
+from ..space.element import DIM
+from .files import told
+
+#: Components of fields that have any, (shape).
+FIELDS = {"coordinates": (DIM,), "velocity": (DIM,), "deviator": (COMPONENTS,)}
+
+
+class ResultError(ValueError):
+    """A file is not a result of pgran, or not a whole one; ``reason`` does not name the file."""
+
+    def __init__(self, path, reason):
+        super().__init__(f"{path}: {reason}")
+        self.reason = reason
+
+
+@contextmanager
+def opened(path, snapshots=0):
+    """Open a result file to read it, as a context. Not collective.
+
+    ``snapshots`` says how many snapshots it must hold at least.
+
+    Raises
+    ------
+    ResultError
+        If it is not one of pgran's results, or ends early, when it is opened or while it is read.
+    """
+    try:
+        if not os.path.exists(path):
+            raise ResultError(path, "there is no such file")
+        if not os.path.isfile(path):
+            raise ResultError(path, "it is not a regular file")
+        with h5py.File(path, "r", locking=False) as file:  # it is never changed in place
+            _check(path, file, snapshots)
+            yield file
+    except ResultError:
+        raise
+    except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as problem:
+        raise ResultError(path, f"it cannot be read as a result of pgran ({told(problem)})"
+                          ) from None
+
+
+def _check(path, file, snapshots):
+    """Raise `ResultError` unless a file has the layout of a result."""
+    groups = file.get("snapshots")
+    if not isinstance(groups, h5py.Group):
+        raise ResultError(path, "it is no result of pgran: /snapshots is missing")
+    if len(groups) < snapshots:
+        raise ResultError(path, f"it holds {len(groups)} snapshots")
+    for name, group in groups.items():
+        coordinates = group.get("coordinates") if isinstance(group, h5py.Group) else None
+        if not isinstance(coordinates, h5py.Dataset) or coordinates.ndim != 3 \
+                or coordinates.shape[2] != DIM:
+            raise ResultError(path, f"snapshot {name} has no coordinates (ny, nx, {DIM})")
+        for key, data in group.items():
+            if not isinstance(data, h5py.Dataset) or data.dtype.kind != "f" \
+                    or data.shape[:2] != coordinates.shape[:2]:
+                raise ResultError(path, f"{key} of snapshot {name} is no field of numbers on its "
+                                  "nodes")
+
+
+def field_of(file, snapshot, name):
+    """Return the values (ny, nx, ...) of a field of an `opened` result; raises `ResultError`."""
+    group = file["snapshots"][snapshot]
+    if name not in group:
+        raise ResultError(file.filename, f"snapshot {snapshot} has no field {name}; it has "
+                          + ", ".join(group))
+    values = group[name][...]
+    if not np.isfinite(values).all():
+        raise ResultError(file.filename, f"field {name} of snapshot {snapshot} is not a number "
+                          "everywhere")
+    return values
+
+
+def stored_parameters(file):
+    """Return the `pgran.options.Parameters` that an open result was made with.
+
+    Raises `ResultError` where they cannot be read.
+    """
+    text = file.attrs.get("options")
+    if not isinstance(text, str):
+        raise ResultError(file.filename, "it is no result of pgran: its options are missing")
+    try:
+        return cases.read(written(text), stored=True)
+    except (OptionError, ParameterError, ValueError) as problem:
+        raise ResultError(file.filename, f"its options cannot be read ({problem})") from None
+
+
+def continued(texts):
+    """Return the options of a run that goes on from the checkpoint of another one, {name: text}.
+
+    What is not given in ``texts`` is as it was in the run that ``pgran_restart`` names, and the
+    result goes on in its file.
+
+    Raises
+    ------
+    ParameterError
+        If the file is no result, or if options contradict it.
+    """
+    path = texts[f"{PREFIX}restart"]
+    try:
+        with opened(path) as file:
+            theirs = stored_parameters(file)
+            texts_then = written(file.attrs["options"])
+    except ResultError as problem:
+        raise ParameterError("restart", path, problem.reason) from None
+    for name in ("restart", "restart_snapshot", "output", "progress"):
+        texts_then.pop(f"{PREFIX}{name}", None)
+    merged = {f"{PREFIX}output": path, **texts_then, **texts}
+    parts = {kind.name for kind in cases.KINDS}
+    apart = [name for name in parts
+             if texts.get(f"{PREFIX}{name}", getattr(theirs, name)) != getattr(theirs, name)]
+    if not apart:
+        mine = cases.read(merged)
+        apart = [row.name for row in mine.rows if not row.changeable
+                 and getattr(mine, row.name) != getattr(theirs, row.name, None)]
+    if apart:
+        raise ParameterError("restart", path, "a run that goes on cannot change " + ", ".join(
+            f"@{name} (here {texts[PREFIX + name]}, there {plain(getattr(theirs, name, None))})"
+            for name in sorted(apart) if PREFIX + name in texts))
+    return merged

@@ -1,0 +1,316 @@
+"""A run that is stopped, killed or short of disk loses nothing, and goes on to the same end."""
+
+import os
+import random
+import signal
+import subprocess
+import time
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT, pgran, refused, run_ranks
+from test_runs import differences, snapshot
+
+from pgran.output import checkpoint
+from pgran.studies import launch
+
+#: A specimen that yields, in some thirty steps of a tenth of a second.
+SMALL = "-pgran_element_size", 4, "-pgran_compression", 0.008, "-pgran_progress", "quiet"
+WHOLE = *SMALL, "-pgran_snapshots", "0.004,0.008"
+#: Exit code of a run that a signal has stopped.
+STOPPED = 75
+
+
+def history(path):
+    """Return the history of a result, {name: (n,)}."""
+    with h5py.File(path) as file:
+        return {name: data[...] for name, data in file["history"].items()}
+
+
+def same(path, other, tolerance):
+    """Assert that two results are the same: fields, snapshots and history."""
+    found = differences(path, other)
+    assert max(found.values()) <= tolerance, found
+    with h5py.File(path) as a, h5py.File(other) as b:
+        assert list(a["snapshots"]) == list(b["snapshots"])
+        for name, group in a["snapshots"].items():
+            assert group.attrs["time"] == pytest.approx(b["snapshots"][name].attrs["time"],
+                                                        rel=1e-12)
+        assert a.attrs["complete"] and b.attrs["complete"]
+    mine, theirs = history(path), history(other)
+    assert mine.keys() == theirs.keys()
+    np.testing.assert_allclose(mine["time"], theirs["time"], rtol=max(tolerance, 1e-12))
+    np.testing.assert_allclose(np.cumsum(mine["step_size"]), mine["time"], rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """An uninterrupted run on one rank."""
+    path = tmp_path_factory.mktemp("whole") / "whole.h5"
+    pgran(0, "direct.opts", path, *WHOLE)
+    return path
+
+
+def test_a_restart_on_the_same_ranks_gives_the_same_result(whole, tmp_path):
+    path = tmp_path / "run.h5"
+    pgran(0, "direct.opts", path, *WHOLE, "-ts_max_steps", 26)
+    with h5py.File(path) as file:
+        assert not file.attrs["complete"]
+        assert len(file["snapshots"]) == 2  # one that was asked for, and where it stopped
+    done = pgran(0, "direct.opts", path, *WHOLE, "-pgran_restart", path)
+    same(whole, path, 1e-10)
+    assert sorted(entry.name for entry in tmp_path.iterdir() if "checkpoint" not in entry.name) == [
+        "run.h5", "run.xdmf"], done.stdout  # nothing is renamed
+    assert path.with_suffix(".xdmf").read_text().count("<Time") == 2
+
+
+def test_a_run_goes_on_on_any_number_of_ranks(whole, tmp_path):
+    path = tmp_path / "run.h5"
+    pgran(2, "direct.opts", path, *WHOLE, "-ts_max_steps", 12)
+    for ranks, steps in ((3, 20), (4, 25), (0, 28), (2, 10**6)):
+        pgran(ranks, "direct.opts", path, *WHOLE, "-pgran_restart", path, "-ts_max_steps", steps)
+    same(whole, path, 1e-7)
+
+
+@pytest.mark.parametrize("options_file, steps, more", [
+    ("biaxial.opts", 24, SMALL),
+    ("li.opts", 25, (*SMALL, "-pgran_compression", 0.004)),
+    ("direct.opts", 16, (*SMALL, "-pgran_inertia", "true", "-pgran_law", "jop",
+                         "-pgran_compression", 0.002)),
+    ("direct.opts", 20, (*SMALL, "-pgran_plates_slip", "false", "-pgran_compression", 0.003)),
+    ("periodic.opts", 14, ("-pgran_cell_elements", 4, "-pgran_end_time", 0.003)),
+    ("planar_shear.opts", 8, ("-ts_type", "beuler", "-pgran_end_time", 0.002))],
+    ids=["fieldsplit", "li", "inertia and jop", "plates hold", "periodic", "fixed mesh"])
+def test_every_kind_of_run_goes_on(tmp_path, options_file, steps, more):
+    paths = [tmp_path / f"{name}.h5" for name in ("whole", "run")]
+    pgran(0, options_file, paths[0], *more)
+    pgran(2, options_file, paths[1], *more, "-ts_max_steps", steps)
+    assert not h5py.File(paths[1]).attrs["complete"]
+    pgran(0, options_file, paths[1], *more, "-pgran_restart", paths[1])
+    same(*paths, 5e-3 if options_file == "biaxial.opts" else 1e-7)
+
+
+def test_a_seeded_run_goes_on(tmp_path):
+    from pgran.studies import growth
+
+    _, options = growth.eigenmode(tmp_path / "mode.h5", 4)
+    paths = [tmp_path / f"{name}.h5" for name in ("whole", "run")]
+    more = *options, "-pgran_seed", tmp_path / "mode.h5", "-pgran_end_time", 0.002, "-ts_max_steps"
+    pgran(0, "periodic.opts", paths[0], *more, 1000)
+    pgran(0, "periodic.opts", paths[1], *more, 3)
+    assert not h5py.File(paths[1]).attrs["complete"]
+    pgran(0, "periodic.opts", paths[1], *more, 1000, "-pgran_restart", paths[1])
+    same(*paths, 1e-10)
+
+
+def test_a_restart_with_another_name_begins_with_what_was(whole, tmp_path):
+    path, other = tmp_path / "run.h5", tmp_path / "other.h5"
+    pgran(0, "direct.opts", path, *WHOLE, "-ts_max_steps", 26)
+    kept = path.read_bytes()
+    pgran(0, "direct.opts", other, *WHOLE, "-pgran_restart", path)
+    same(whole, other, 1e-10)
+    assert path.read_bytes() == kept
+
+
+def test_a_run_that_has_ended_can_go_further(whole, tmp_path):
+    path = tmp_path / "run.h5"
+    pgran(0, "direct.opts", path, *SMALL, "-pgran_compression", 0.004)
+    pgran(0, "direct.opts", path, "-pgran_restart", path, "-pgran_compression", 0.008)
+    same(whole, path, 1e-10)  # width, element size and all else are those of the run
+
+
+def test_what_a_restart_may_not_change_is_named(tmp_path):
+    path = tmp_path / "run.h5"
+    pgran(0, "direct.opts", path, *SMALL, "-ts_max_steps", 2)
+    done = pgran(2, "direct.opts", path, "-pgran_restart", path, "-pgran_width", 80,
+                 "-pgran_mu_s", 0.4, "-pgran_compression", 0.05, check=False)
+    refused(done, "-pgran_mu_s (here 0.4, there 0.3819), -pgran_width (here 80, there 40.0)")
+    done = pgran(0, "direct.opts", path, "-pgran_restart", path, "-pgran_compression", 1e-5,
+                 check=False)
+    refused(done, "lies beyond the end of this run")
+
+
+def test_a_damaged_checkpoint_is_passed_over(whole, tmp_path):
+    path = tmp_path / "run.h5"
+    pgran(0, "direct.opts", path, *WHOLE, "-ts_max_steps", 27, "-pgran_checkpoint_steps", 5)
+    newest, older = checkpoint.checkpoints_of(path)
+    assert [entry.name for entry in (newest, older)] == [
+        "run.checkpoint_000027.h5", "run.checkpoint_000025.h5"]
+    content = bytearray(newest.read_bytes())
+    for damage in (content[:len(content) // 2], b"", content[:-5000] + bytes(5000)):
+        newest.write_bytes(damage)
+        done = pgran(2, "direct.opts", tmp_path / "other.h5", *WHOLE, "-pgran_restart", path,
+                     "-pgran_progress", "brief")
+        assert "passed over a damaged checkpoint, run.checkpoint_000027.h5: " in done.stdout
+        same(whole, tmp_path / "other.h5", 1e-7)
+    older.write_bytes(b"")
+    refused(pgran(0, "direct.opts", path, *WHOLE, "-pgran_restart", path, check=False),
+            "it has no checkpoint to go on from", older.name, newest.name)
+
+
+def start(ranks, *arguments):
+    """Start a run in the background, in its own group of processes."""
+    line, environment = launch.command(ranks, "-m", "pgran", *arguments)
+    return subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.DEVNULL,
+                            stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def wait_for(path, steps, limit=60.0):
+    """Wait until a result that is being written holds some steps."""
+    end = time.monotonic() + limit
+    while time.monotonic() < end:
+        if path.exists() and len(history(path)["time"]) >= steps:
+            return
+        time.sleep(0.02)
+    raise AssertionError(f"{path} does not hold {steps} steps after {limit} s")
+
+
+@pytest.mark.parametrize("name, ranks", [("SIGTERM", 0), ("SIGINT", 0), ("SIGUSR1", 2),
+                                         ("SIGUSR2", 0)])
+def test_a_signal_stops_a_run_with_a_checkpoint_and_its_own_exit_code(whole, tmp_path, name, ranks):
+    path = tmp_path / "run.h5"
+    run = start(ranks, "-options_file", ROOT / "options" / "direct.opts", "-pgran_output", path,
+                *map(str, WHOLE))
+    wait_for(path, 5)
+    run.send_signal(getattr(signal, name))
+    errors = run.communicate(timeout=60)[1]
+    assert run.returncode == STOPPED, errors
+    assert f"pgran: stopped by {name} at " in errors and f"-pgran_restart {path}" in errors
+    assert "error" not in errors.split("Primary job")[0].split("------")[0]
+    assert len(checkpoint.checkpoints_of(path)) == 1
+    if name == "SIGTERM":
+        pgran(2, "direct.opts", path, *WHOLE, "-pgran_restart", path)
+        same(whole, path, 1e-7)
+
+
+def test_launch_passes_a_signal_on_to_the_ranks(tmp_path):
+    path = tmp_path / "run.h5"
+    line, environment = launch.command(0, "-m", "pgran.studies", "launch", path,
+                                       ROOT / "options" / "direct.opts", *map(str, WHOLE))
+    with subprocess.Popen(line, env=environment, cwd=ROOT, stderr=subprocess.PIPE,
+                          text=True) as run:
+        wait_for(path, 3)
+        run.send_signal(signal.SIGTERM)
+        errors = run.communicate(timeout=60)[1]
+    assert run.returncode == STOPPED, errors
+    assert len(checkpoint.checkpoints_of(path)) == 1
+
+
+def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(whole, tmp_path):
+    """The short form of jobs/kill.sh."""
+    path, chance = tmp_path / "run.h5", random.Random(11)
+    options = ("-options_file", ROOT / "options" / "direct.opts", "-pgran_output", path,
+               "-pgran_checkpoint_steps", "2", *map(str, WHOLE))
+    for ranks in (2, 0, 2):
+        again = ("-pgran_restart", path) if checkpoint.checkpoints_of(path) else ()
+        if not again:
+            path.unlink(missing_ok=True)
+        steps = len(history(path)["time"]) if path.exists() else 0
+        run = start(ranks, *options, *again)
+        wait_for(path, steps + 3)
+        time.sleep(0.3 * chance.random())
+        os.killpg(run.pid, signal.SIGKILL)
+        run.communicate()
+        subprocess.run(["pkill", "-9", "-f", str(path)], check=False)  # mpiexec's own groups
+        with h5py.File(path) as file:  # whole, whatever happened
+            assert len(file["history/time"]) >= steps
+            for group in file["snapshots"].values():
+                assert np.isfinite(group["velocity"][...]).all()
+    pgran(0, "direct.opts", path, *WHOLE, "-pgran_restart", path)
+    same(whole, path, 1e-7)
+
+
+def test_history_is_on_the_disk_while_the_run_goes_on_and_readers_do_not_disturb_it(tmp_path):
+    path = tmp_path / "run.h5"
+    run = start(2, "-options_file", ROOT / "options" / "direct.opts", "-pgran_output", path,
+                *map(str, SMALL))
+    wait_for(path, 4)
+    with h5py.File(path) as held:  # an open reader
+        seen = len(held["history/time"])
+        wait_for(path, seen + 8)
+        assert len(held["history/time"]) == seen
+        run.send_signal(signal.SIGKILL)
+        run.communicate()
+    subprocess.run(["pkill", "-9", "-f", str(path)], check=False)
+    assert len(history(path)["time"]) >= seen + 8
+
+
+def test_one_file_has_one_writer(tmp_path):
+    path = tmp_path / "run.h5"
+    run = start(0, "-options_file", ROOT / "options" / "direct.opts", "-pgran_output", path,
+                *map(str, SMALL))
+    wait_for(path, 2)
+    done = pgran(2, "direct.opts", path, *SMALL, check=False)
+    refused(done, f"-pgran_output {path}: another run writes it (process {run.pid} on ")
+    run.send_signal(signal.SIGTERM)
+    run.communicate()
+    assert not list(tmp_path.glob(".*"))  # neither a lock nor a draft is left
+
+
+FAULT = """
+import errno, os, shutil, sys
+from pathlib import Path
+from mpi4py import MPI
+whole, calls = os.posix_fallocate, []
+def full(*arguments):
+    calls.append(1)
+    if len(calls) == {call}:
+        {fault}
+    return whole(*arguments)
+os.posix_fallocate = full
+from pgran.__main__ import main
+sys.exit(main(sys.argv))
+"""
+
+
+@pytest.mark.parametrize("fault, message", [
+    ("raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))", "No space left on device"),
+    ("raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT))", "Disk quota exceeded"),
+    ("raise OSError(errno.EROFS, os.strerror(errno.EROFS))", "Read-only file system"),
+    ("os.unlink(sys.argv[-1])", "it was removed while the run wrote it"),
+    ("shutil.rmtree(Path(sys.argv[-1]).parent)", "")],
+    ids=["full disk", "quota", "read-only", "file removed", "folder removed"])
+def test_a_disk_that_fails_ends_in_one_error_with_the_last_checkpoint_intact(tmp_path, fault,
+                                                                             message):
+    path = tmp_path / "inner" / "run.h5"
+    done = run_ranks(2, "-c", FAULT.format(call=9, fault=fault), "-options_file",
+                     ROOT / "options" / "direct.opts", *SMALL, "-pgran_checkpoint_steps", 2,
+                     "-pgran_output", path, check=False, limit=60)
+    refused(done, f"-pgran_output {path}: {message}")
+    if "folder" in fault or "rmtree" in fault:
+        return
+    assert checkpoint.checkpoints_of(path)
+    if message.startswith("it was removed"):
+        return
+    pgran(0, "direct.opts", path, *SMALL, "-pgran_restart", path, "-pgran_compression", 0.002)
+    with h5py.File(path) as file:
+        assert file.attrs["complete"]
+    assert not list(path.parent.glob(".*"))
+
+
+def test_a_limit_of_the_file_size_is_met_before_hdf5_meets_it(tmp_path):
+    path = tmp_path / "run.h5"
+    line, environment = launch.command(2, "-m", "pgran", "-options_file",
+                                       ROOT / "options" / "direct.opts", "-pgran_output", path,
+                                       *map(str, SMALL), "-pgran_element_size", "2")
+    done = subprocess.run(["bash", "-c", 'ulimit -f 1400; exec "$@"', "-", *line], env=environment,
+                          cwd=ROOT, capture_output=True, text=True, timeout=120)
+    refused(done, f"-pgran_output {path}: File too large")
+    assert len(history(path)["time"]) > 1  # what was written is there
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_output_into_a_closed_pipe_does_not_end_a_run(tmp_path):
+    path = tmp_path / "run.h5"
+    line, environment = launch.command(0, "-m", "pgran", "-options_file",
+                                       ROOT / "options" / "direct.opts", *map(str, SMALL),
+                                       "-pgran_progress", "steps", "-pgran_compression", "0.002",
+                                       "-pgran_output", path)
+    with subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True) as run:
+        run.stdout.readline()
+        run.stdout.close()
+        assert run.wait(60) == 0 and not run.stderr.read()
+    _, fields = snapshot(path)
+    assert np.isfinite(fields["velocity"]).all()
