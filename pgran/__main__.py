@@ -165,7 +165,7 @@ class Run:
         values = {**driver.values(), "history": writer.steps, "snapshots": self.landed,
                   "seconds": self.seconds()}
         checkpoint.write(writer.path, self.form.grid, writer.run, writer.steps, values,
-                         driver.state.arrays(self.form.grid), ("output", self.parameters.output))
+                         driver.state.arrays(self.form.grid))
         self.last_checkpoint = time.monotonic(), writer.steps
 
     def seconds(self):

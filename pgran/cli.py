@@ -103,7 +103,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
         check_command_line(given[1:])
     except OptionError as error:
         given, problem = given[:1], error  # so that PETSc starts, and all ranks can end together
-    given = file_first(given)
+    given = ["pgran", *file_first(given)[1:]]
     if slepc:
         import slepc4py
         slepc4py.init(given)
@@ -112,6 +112,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
         petsc4py.init(given)
     from petsc4py import PETSc
 
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as before PETSc took it; `Pipe` sees the error
     comm = PETSc.COMM_WORLD
     apart = comm.tompi4py().Dup()  # so that waiting for the others meets no message of the work
     try:
@@ -160,7 +161,7 @@ def _told(error, comm, apart):
     if text and (comm.rank == 0 or not together):
         print(text, file=sys.stderr, flush=True)
     if not together:
-        print(f"pgran: error: rank {comm.rank} fails and others do not; all are ended",
+        print(f"pgran: rank {comm.rank} failed and others did not; all are ended",
               file=sys.stderr, flush=True)
         comm.tompi4py().Abort(1)
     return code

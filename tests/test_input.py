@@ -206,7 +206,7 @@ RUNS = {
     **{f"steady from {kind}": (["-ts_type", "pseudo", "-pgran_restart", f"{kind}.h5"], text)
        for kind, text in {
            "text": "it cannot be read", "other": "it is no result", "nothing": "it holds 0 snaps",
-           "lost": "has no coordinates", "keep": "no field velocity"}.items()},
+           "lost": "has no coordinates", "keep": "its 5 x 5 nodes are not"}.items()},
     "steady from no snapshot": (["-ts_type", "pseudo", "-pgran_restart", "keep.h5",
                                  "-pgran_restart_snapshot", "7"], "it holds 1 snapshots"),
     "seed that is no mode": (["-pgran_seed", "keep.h5"], "it holds no mode"),
@@ -241,7 +241,7 @@ COMMANDS = [
     ("growth", ["-dt", "nan"], "-dt nan: allowed is"),
     ("growth", ["-dt", "inf"], "-dt inf: allowed is"),
     ("growth", ["-dt", "0"], "-dt 0: allowed is"),
-    ("growth", ["-dt", "1e3", *COARSE], "1e3"),
+    ("growth", ["-dt", "1e3", *COARSE], "step of 1000/gdot0 (-dt) has changed"),
     ("growth", ["-without", "nosuch"], "-without nosuch: allowed is"),
     ("measure", [], ""),
     ("measure", ["nosuch.h5"], "there is no such file"),

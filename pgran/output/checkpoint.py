@@ -11,6 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from ..options import PREFIX
 from .files import Disk, Draft, blocks_of, local_part, private, told, write_blocks
 
 #: How many checkpoints of a run are kept.
@@ -26,7 +27,7 @@ def checkpoints_of(path):
     return [entry for _, entry in sorted(found, reverse=True)]
 
 
-def write(path, grid, run, step, values, arrays, option):
+def write(path, grid, run, step, values, arrays, option=("output", PREFIX)):
     """Write a checkpoint, and remove those beyond the last `KEPT`. Collective.
 
     Parameters

@@ -300,9 +300,9 @@ def draw(names, directory, results):
     if wrong := [name for name in names if name not in known]:
         raise ValueError(f"{' '.join(wrong)}: allowed is {' '.join(sorted(known))}")
     directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
     for name in names:
         def save(figure, data, table, name=name):
+            directory.mkdir(parents=True, exist_ok=True)
             figure.savefig(directory / f"{name}.png", dpi=150)
             plt.close(figure)
             with h5py.File(directory / f"{name}.h5", "w") as file:

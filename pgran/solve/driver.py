@@ -95,7 +95,7 @@ class Driver:
                 "step_min", parameters.step_min, "the first step, a tenth of the time of elastic "
                 f"loading, is {self._first_step:.3g}, which is smaller; allowed is less than it, a "
                 f"smaller @shear_modulus than {parameters.shear_modulus:g}, or a @step_first")
-        self._dt = self._step = self._committed = None
+        self._dt = self._step = self._committed = self._tried = None
         self._attempts, self._starting, self._failure = 0, False, None
         self._time = self._behind.get("ts_time", 0.0 if steady else state.time)
         self.balance = None if steady else self._balance()
@@ -188,8 +188,8 @@ class Driver:
         with PETSc.Log.Stage("Residual"):
             self._stop_if_asked()
             grid = self.grid
-            local, local_rate = grid.to_local(u), grid.to_local(rate)
-            f.setArray(self.form.residual(local, local_rate, self._increment(ts, time)))
+            self._tried, local_rate = grid.to_local(u), grid.to_local(rate)
+            f.setArray(self.form.residual(self._tried, local_rate, self._increment(ts, time)))
 
     def _ijacobian(self, ts, time, u, rate, shift, jacobian, preconditioner):
         with PETSc.Log.Stage("Jacobian"):
@@ -253,7 +253,7 @@ class Driver:
         # A failed attempt has made a step before, and may have left anything in u.
         dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
         if self._attempts and snes.getConvergedReason() < 0:
-            self._failure = described(snes, self.form, self._step.increment.x)
+            self._failure = described(snes, self.form, self._step.increment, self._tried)
         self.grid.from_local(self.state.extrapolated(dt)[0], u)
         self._starting = True
 

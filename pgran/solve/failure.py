@@ -3,6 +3,8 @@
 import numpy as np
 from petsc4py import PETSc
 
+from ..space.element import SHAPE
+
 #: What reasons of SNES mean, and what may help; ``@@`` marks options of PETSc.
 SNES_WORDS = {
     "DIVERGED_FNORM_NAN": ("the residual is not a number", "a smaller @step_max"),
@@ -28,6 +30,7 @@ KSP_WORDS = {
 MUMPS_WORDS = {
     -9: ("MUMPS had too little workspace", "a larger @@mat_mumps_icntl_14"),
     -10: ("MUMPS found the matrix singular", "a smaller @step_max"),
+    -19: ("MUMPS may not use the memory that it needs", "a larger @@mat_mumps_icntl_23"),
     -13: ("MUMPS could not allocate memory", "more memory or ranks, or @@options_file "
           "options/biaxial.opts")}
 #: What the equations of a field say.
@@ -42,10 +45,10 @@ def name_of(reasons, number):
     return max(names, key=len, default=str(number))
 
 
-def described(snes, form, x):
+def described(snes, form, increment, local):
     """Return why a SNES failed and where, and what may help, two texts. Collective.
 
-    ``x`` (2, n_nodes) is the mesh of the step that failed, d.
+    ``local`` (n_local,) are the unknowns that were tried last in a step with this increment.
     """
     name = name_of(PETSc.SNES.ConvergedReason, snes.getConvergedReason())
     why, cure = SNES_WORDS.get(name, ("Newton's method failed", "a smaller @step_max"))
@@ -53,8 +56,11 @@ def described(snes, form, x):
     if name == "DIVERGED_LINEAR_SOLVE":
         because, cure = _linear(snes.getKSP())
         why += f": {because}"
-    places = [place for place in (_bad_unknown(snes, form, x), _largest(snes, form, x)) if place]
-    return "; ".join([why, *places]), cure
+    size, text = _largest(snes, form, increment.x)
+    place = _meaningless(form, increment, local) if np.isinf(size) else None
+    if place and place.startswith("pressure"):
+        cure = "loads that leave the pressure positive, or a smaller @step_max"
+    return "; ".join(filter(None, [why, place, text])), cure
 
 
 def _linear(ksp):
@@ -82,35 +88,52 @@ def _place(form, x, number):
     return "P", x[:, grid.nodes.index(2 * i, 2 * j)]
 
 
-def _largest(snes, form, x):
-    """Where the residual is largest or not a number."""
-    residual = np.abs(snes.getFunction()[0].array_r)
-    size = np.where(np.isnan(residual), np.inf, residual)
-    found = None
+def _worst(form, size, describe):
+    """Return the largest ``size`` (n,) of all ranks and what ``describe(index)`` says. Collective.
+
+    What is not a number counts as infinite. Without entries the size is zero.
+    """
+    size = np.where(np.isnan(size), np.inf, size)
+    found = (0.0, None)
     if size.size:
-        worst = int(np.argmax(size))
-        field, at = _place(form, x, form.grid.owned[worst])
-        found = float(size[worst]), field, at.tolist()
-    size, field, at = max((answer for answer in form.grid.comm.tompi4py().allgather(found)
-                           if answer), key=lambda answer: answer[0])
-    value = f"{size:.2e}" if np.isfinite(size) else "not a number"
-    return (f"the largest residual is {value}, of {EQUATIONS[field]} at x = ({at[0]:.4g}, "
-            f"{at[1]:.4g}) d")
+        index = int(np.argmax(size))
+        found = float(size[index]), describe(index)
+    return max(form.grid.comm.tompi4py().allgather(found), key=lambda answer: answer[0])
 
 
-def _bad_unknown(snes, form, x):
-    """What unknown of the last iterate has no meaning, and where; None where all have."""
-    grid = form.grid
-    values = snes.getSolution().array_r
-    pressure = np.zeros(values.size, dtype=bool)
-    pressure[grid.nodes.owned.size * grid.dof:] = True
-    found = None
-    for bad, words in ((~np.isfinite(values), "{} is not a number"),
-                       (pressure & (values < 0.0), "the pressure is negative, {:.3g} {}")):
-        if found is None and bad.any():
-            worst = int(np.flatnonzero(bad)[np.argmin(np.nan_to_num(values[bad]))])
-            field, at = _place(form, x, grid.owned[worst])
-            text = words.format(field) if "{}" == words[:2] else words.format(
-                values[worst], form.case.stress_unit)
-            found = f"{text}, at x = ({at[0]:.4g}, {at[1]:.4g}) d"
-    return next((text for text in grid.comm.tompi4py().allgather(found) if text), None)
+def _at(x):
+    return f"at x = ({x[0]:.4g}, {x[1]:.4g}) d"
+
+
+def _largest(snes, form, x):
+    """The size of the largest residual, infinite if one is not a number, and its place in words."""
+    residual = np.abs(snes.getFunction()[0].array_r)
+
+    def describe(index):
+        field, place = _place(form, x, form.grid.owned[index])
+        value = f"{residual[index]:.2e}" if np.isfinite(residual[index]) else "not a number"
+        return f"the largest residual is {value}, of {EQUATIONS[field]} {_at(place)}"
+
+    return _worst(form, residual, describe)
+
+
+def _meaningless(form, increment, local):
+    """What has no meaning in the unknowns that were tried last, and where; None where all have."""
+    grid, (_, _, pressure) = form.grid, form.grid.split(local)
+    corner = grid.corners.owned
+
+    def low(index):
+        place = _place(form, increment.x, grid.n_flow + corner[index])[1]
+        return f"pressure is negative, {pressure[corner[index]]:.3g} {form.case.stress_unit}, " \
+               + _at(place)
+
+    def steep(index):
+        q, e = np.unravel_index(index, mu.shape)
+        place = SHAPE[q] @ increment.x[:, grid.element_nodes[:, e]].T
+        return f"mu reaches {mu[q, e]:.4g} {_at(place)}, where the law may have no answer"
+
+    size, text = _worst(form, -pressure[corner], low)
+    if size > 0.0:
+        return text
+    mu = form.stress_ratio(local, increment)
+    return _worst(form, mu.ravel(), steep)[1]

@@ -85,8 +85,8 @@ class LinearisedStep:
                              for part in (change, self.end))
             if largest < TOLERANCE * size:
                 return
-        raise SolutionError(f"Newton's method for the undisturbed step of {self.dt:g}/gdot0 has "
-                            f"changed the unknowns by {largest:.1e} in iteration {MOST}; "
+        raise SolutionError(f"Newton's method for the undisturbed step of {self.dt:g}/gdot0 (@@dt) "
+                            f"has changed the unknowns by {largest:.1e} in iteration {MOST}; "
                             f"a smaller step may help")
 
     def _newton(self, local, state, increment):

@@ -2,7 +2,8 @@
 
 Arguments come first; everything from the first option on is passed to the runs. ``NAME -help``
 says what a study asks and which arguments it takes. Runs that were done with the same options are
-not repeated. A good study ends with exit code 0; a failed one with the reason, and 1.
+not repeated. A good study ends with exit code 0, a failed one with the reason and 1, and one that a
+signal has stopped with 75: the same command goes on.
 """
 
 import importlib
@@ -10,7 +11,8 @@ import inspect
 import subprocess
 import sys
 
-from ..cli import HELP, TOLD
+from ..cli import HELP, STOPPED, TOLD
+from ..options import Interrupted
 
 STUDIES = ("section4", "meshes", "posed", "sensitivity", "verify", "growth", "specimen", "regime",
            "spectra", "bench", "launch")
@@ -43,6 +45,9 @@ def main(arguments):
             raise ValueError(f"{problem}; {name} -help says what is allowed") from None
         study.main(*call.args, **call.kwargs)
         return 0
+    except Interrupted as error:
+        print(f"pgran.studies: {error}", file=sys.stderr)
+        return STOPPED
     except TOLD as error:
         message = error.as_option()
     except (ValueError, OSError, subprocess.SubprocessError) as error:

@@ -20,6 +20,7 @@ import h5py
 from .. import cases
 from ..cli import SIGNALS, STOPPED, read_file
 from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
+from ..output.checkpoint import checkpoints_of
 
 #: Ranks of a run unless a study says otherwise.
 RANKS = int(os.environ.get("PGRAN_RANKS", 2))
@@ -156,8 +157,8 @@ def holds(path, parameters, ignored=IGNORED):
                for row in parameters.rows if row.name not in ignored)
 
 
-def done(path, options_file, options=()):
-    """Return whether a result file is that of a whole run with the options that are asked for.
+def attributes(path, options_file, options=()):
+    """Return the root attributes of a result that was begun with these options, or None.
 
     All resolved options are compared but `IGNORED`, and so are the options of PETSc, such as
     -snes_atol, if the file stores them. The file must also be newer than the options file and than
@@ -173,20 +174,31 @@ def done(path, options_file, options=()):
     """
     parameters = asked(options_file, *options)
     if not holds(path, parameters):
-        return False
+        return None
     sources = [name for name in (options_file, parameters.restart, parameters.seed)
                if name and os.path.exists(name)]
+    if os.path.getmtime(path) < max(map(os.path.getmtime, sources)):
+        return None
     solver = {name: text for name, text in given(options_file, *options).items()
               if not name.startswith(PREFIX)}
     with h5py.File(path, "r") as file:
-        theirs = file.attrs.get("solver_options")
-        return (bool(file.attrs.get("complete", False))
-                and (theirs is None or parsed(theirs.split()) == solver)
-                and os.path.getmtime(path) >= max(map(os.path.getmtime, sources)))
+        found = dict(file.attrs)
+    theirs = found.get("solver_options")
+    return found if theirs is None or parsed(theirs.split()) == solver else None
+
+
+def done(path, options_file, options=()):
+    """Return whether a result file is that of a whole run with the options that are asked for.
+
+    The parameters are those of `attributes`.
+    """
+    return bool((attributes(path, options_file, options) or {}).get("complete", False))
 
 
 def run(path, options_file, *options, ranks=None, needed=True):
     """Run pgran to ``path`` unless that is `done`; return the root attributes of the result.
+
+    A run that was stopped or killed goes on from its last checkpoint.
 
     Parameters
     ----------
@@ -205,8 +217,10 @@ def run(path, options_file, *options, ranks=None, needed=True):
     if done(path, options_file, options):
         print(f"pgran: {path} is in place", file=sys.stderr)
     else:
+        begun = attributes(path, options_file, options) is not None and checkpoints_of(path)
+        again = ("-pgran_restart", path) if begun else ()
         failed = python(ranks or RANKS, "-m", "pgran", "-options_file", options_file, *options,
-                        "-pgran_output", path, check=False).returncode
+                        "-pgran_output", path, *again, check=False).returncode
         if failed == STOPPED:
             raise Interrupted(f"{path}: the run was stopped; the same command goes on")
         if failed and not needed:

@@ -1,0 +1,138 @@
+"""What goes wrong is told with reason and place, and stops all ranks; docs/troubleshooting.md."""
+
+import h5py
+import pytest
+from conftest import ROOT, pgran, refused, run_ranks
+
+from pgran.output import checkpoint
+
+COARSE = "-pgran_element_size", 8, "-pgran_progress", "quiet"
+PAGE = (ROOT / "docs" / "troubleshooting.md").read_text()
+
+
+@pytest.mark.parametrize("options_file, more, messages", [
+    ("direct.opts", ("-snes_max_it", 1, "-pgran_step_min", 1e-5), (
+        "no step down to -pgran_step_min 1e-05 converges at 0.02921 % compression",
+        "Newton's method did not converge in 1 iterations (DIVERGED_MAX_IT)",
+        "the largest residual is 3.90e-02, of fluidity at x = (20.01, 59.98) d",
+        "What may help: a larger -snes_max_it or a smaller -pgran_step_max")),
+    ("biaxial.opts", ("-ksp_max_it", 2), (
+        "the linear solver failed (DIVERGED_LINEAR_SOLVE)", "it did not converge in 2 iterations",
+        "What may help: a larger -ksp_max_it, or -options_file options/direct.opts")),
+    ("direct.opts", ("-mat_mumps_icntl_23", 1), (
+        "MUMPS may not use the memory that it needs (INFOG(1) = -19",
+        "What may help: a larger -mat_mumps_icntl_23")),
+    ("direct.opts", ("-pgran_body_force", "0,0.05"), (
+        "the residual is not a number", "pressure is negative, -0.724 |sigma_1|, at x = (16, 0) d",
+        "What may help: loads that leave the pressure positive")),
+    ("direct.opts", ("-pgran_law", "jop", "-pgran_inertial_number", 0.1, "-pgran_mu_2", 0.45,
+                     "-pgran_step_first", 0.01, "-pgran_step_max", 1, "-pgran_step_min", 1e-3), (
+        "the residual is not a number", "mu reaches 2.513 at x = (36.05, 112.8) d, where the law",
+        "What may help: a smaller -pgran_step_max")),
+    ("direct.opts", ("-pgran_step_error", 1e-9, "-pgran_step_min", 1e-4, "-pgran_step_first", 1e-3,
+                     "-pgran_compression", 0.01), (
+        "no step down to -pgran_step_min 0.0001 converges", "departs", "from the extrapolation",
+        "What may help: a larger -pgran_step_error"))],
+    ids=["Newton", "Krylov", "MUMPS", "negative pressure", "not a number", "departure"])
+def test_a_solver_that_fails_says_why_and_where_and_leaves_a_checkpoint(tmp_path, options_file,
+                                                                        more, messages):
+    path = tmp_path / "run.h5"
+    done = pgran(0, options_file, path, *COARSE, *more, check=False, limit=60)
+    refused(done, *messages)
+    assert checkpoint.checkpoints_of(path)
+    with h5py.File(path) as file:
+        assert not file.attrs.get("complete", False)
+
+
+def test_a_run_stops_where_a_free_face_reaches_a_plate(tmp_path):
+    path = tmp_path / "run.h5"
+    done = pgran(0, "direct.opts", path, "-pgran_element_size", 20, "-pgran_progress", "quiet",
+                 "-pgran_compression", 0.6, "-pgran_step_max", 0.05, "-pgran_step_error", 1,
+                 check=False)
+    refused(done, "the mesh cannot go on at ", "a free face reaches a plate at x = (",
+            "What may help: an earlier end, or a smaller -pgran_step_max")
+    with h5py.File(path) as file:
+        assert file["history/compression"][-1] > 0.3
+        assert file["snapshots/0000/coordinates"][1:-1, :, 1].min() > 0.0
+
+
+CASE = """
+import numpy as np
+from pgran.cases.biaxial import Biaxial
+
+
+class Folding(Biaxial):
+    rows = Biaxial.rows
+
+    def prescribed_velocity(self, time, i, j):
+        values = super().prescribed_velocity(time, i, j)
+        values[0, (j == 0) & (i == 2)] = 40.0
+        return values
+"""
+
+
+def test_a_mesh_that_turns_inside_out_is_not_accepted(tmp_path):
+    (tmp_path / "folding.py").write_text(CASE)
+    path = tmp_path / "run.h5"
+    done = pgran(2, "direct.opts", path, "-pgran_case", f"{tmp_path / 'folding.py'}:Folding",
+                 "-pgran_element_size", 20, "-pgran_step_max", 0.5, "-pgran_step_error", 1e9,
+                 "-pgran_step_min", 1e-3, check=False)
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert ("turned inside out" in done.stderr or "not a number" in done.stderr), done.stderr
+
+
+FAIL = """
+import os, signal, sys
+from mpi4py import MPI
+from pgran.space import weakform
+from pgran.__main__ import main
+whole, calls = weakform.WeakForm.{method}, []
+def fail(self, *arguments):
+    calls.append(1)
+    if MPI.COMM_WORLD.rank == {rank} and len(calls) == 3:
+        {fault}
+    return whole(self, *arguments)
+weakform.WeakForm.{method} = fail
+sys.exit(main(sys.argv))
+"""
+
+
+@pytest.mark.parametrize("method, rank, fault, message", [
+    ("jacobian", 1, "raise ZeroDivisionError('one rank only')", "one rank only"),
+    ("residual", 0, "raise MemoryError('of rank 0')", "not enough memory"),
+    ("residual", 2, "from pgran.options import SolutionError; raise SolutionError('told by one')",
+     "told by one"),
+    ("jacobian", 2, "os.kill(os.getpid(), signal.SIGSEGV)", "Segmentation"),
+    ("residual", 1, "os.kill(os.getpid(), signal.SIGKILL)", "signal 9 (Killed)")],
+    ids=["exception", "memory", "a told error", "segmentation fault", "kill"])
+def test_when_one_rank_fails_all_stop(tmp_path, method, rank, fault, message):
+    done = run_ranks(3, "-c", FAIL.format(method=method, rank=rank, fault=fault), "-options_file",
+                     ROOT / "options" / "direct.opts", *COARSE, "-pgran_output",
+                     tmp_path / "run.h5", check=False, limit=60)
+    assert done.returncode != 0
+    assert message in done.stderr + done.stdout, done.stderr
+
+
+def test_an_error_that_all_ranks_meet_is_told_once(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from pgran.cases.biaxial import Biaxial\nclass Mine(Biaxial):\n    rows = Biaxial.rows\n"
+        "    def tractions(self, time):\n        return {'left': 1 / 0}\n")
+    done = run_ranks(3, "-m", "pgran", "-pgran_case", f"{tmp_path / 'mine.py'}:Mine", *COARSE,
+                     "-pgran_output", tmp_path / "run.h5", check=False, limit=60)
+    assert done.returncode == 1
+    assert done.stderr.count("ZeroDivisionError: division by zero") == 1, done.stderr
+    assert "mine.py" in done.stderr
+
+
+@pytest.mark.parametrize("words", [
+    "no step down to", "did not converge in", "is not a number", "pressure is negative",
+    "mu reaches", "MUMPS may not use the memory", "departs", "a free face reaches a plate",
+    "turned inside out", "another run writes it", "No space left on device",
+    "it was removed while the run wrote it", "it has no checkpoint to go on from",
+    "passed over a damaged checkpoint", "a run that goes on cannot change", "no such option",
+    "nothing has read", "no -pc_type is given", "failed and others did not", "not enough memory",
+    "GB a rank", "the first step, a tenth of the time of elastic loading", "stopped by SIGTERM",
+    "it is no result of pgran", "no eigenvalue converged", "ranks are too many",
+    "two times to reach lie closer", "no steady flow within", "cannot be imported"])
+def test_the_page_on_trouble_has_each_message(words):
+    assert words in PAGE

@@ -1,0 +1,206 @@
+"""What must not change an answer does not, and what must be conserved is."""
+
+import re
+
+import h5py
+import numpy as np
+import pytest
+from conftest import discretised, pgran
+from test_runs import snapshot
+
+from pgran.solve.state import State, TimeStep
+
+SMALL = "-pgran_element_size", 4, "-pgran_progress", "quiet", "-pgran_compression", 0.01
+
+
+def history(path):
+    """Return the history of a result, {name: (n,)}."""
+    with h5py.File(path) as file:
+        return {name: data[...] for name, data in file["history"].items()}
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """A run on one rank, solved exactly."""
+    path = tmp_path_factory.mktemp("plain") / "plain.h5"
+    pgran(0, "direct.opts", path, *SMALL)
+    return path
+
+
+@pytest.mark.parametrize("ranks, partition", [(2, "1,2"), (3, "3,1"), (4, "2,2"), (4, "1,4")])
+def test_the_answer_does_not_depend_on_the_partition(plain, tmp_path, ranks, partition):
+    """Both DMDAs, and so everything else, follow the partition of the elements."""
+    from conftest import run_ranks
+
+    path = tmp_path / "run.h5"
+    code = f"""
+import sys, petsc4py
+petsc4py.init(sys.argv)
+from petsc4py import PETSc
+whole = PETSc.DMDA.create
+def create(self, *arguments, **more):
+    if "proc_sizes" not in more:
+        more["proc_sizes"] = ({partition})
+    return whole(self, *arguments, **more)
+class DMDA(PETSc.DMDA):
+    create = create
+PETSc.DMDA = DMDA
+from pgran.__main__ import main
+sys.exit(main(sys.argv))
+"""
+    from conftest import ROOT
+
+    run_ranks(ranks, "-c", code, "-options_file", ROOT / "options" / "direct.opts", *SMALL,
+              "-pgran_output", path)
+    (_, a), (_, b) = snapshot(plain), snapshot(path)
+    for name, values in a.items():
+        np.testing.assert_allclose(b[name], values, rtol=0.0, atol=1e-7 * np.abs(values).max(),
+                                   err_msg=name)
+
+
+def test_a_mirrored_problem_has_the_mirrored_answer(plain, tmp_path):
+    """The corner that is pinned stays to the left: it shifts the answer along x1."""
+    path = tmp_path / "mirrored.h5"
+    pgran(0, "direct.opts", path, *SMALL, "-pgran_imperfection_mirrored", "true")
+    (_, a), (_, b) = snapshot(plain), snapshot(path)
+    for name in ("inertial_number", "pressure", "fluidity", "stress_ratio"):
+        np.testing.assert_allclose(b[name][:, ::-1], a[name], rtol=0.0,
+                                   atol=1e-7 * np.abs(a[name]).max(), err_msg=name)
+    for name in ("velocity", "coordinates"):
+        across, up = a[name][..., 0], a[name][..., 1]
+        shift = b[name][:, ::-1, 0] + across
+        assert np.ptp(shift) < 1e-7 * np.abs(across).max(), name
+        np.testing.assert_allclose(b[name][:, ::-1, 1], up, atol=1e-7 * np.abs(up).max())
+    np.testing.assert_allclose(b["deviator"][:, ::-1] * [1.0, 1.0, -1.0], a["deviator"],
+                               atol=1e-7 * np.abs(a["deviator"]).max())
+
+
+UNITS = """
+from pgran.cases import pressure
+from pgran.cases.biaxial import Biaxial
+
+
+class Pascal(Biaxial):
+    '''The specimen in Pa, with |sigma_1| = 2.5e4 Pa, instead of in |sigma_1|.'''
+
+    rows = Biaxial.rows
+    stress_unit = "Pa"
+    unit = 2.5e4
+
+    @property
+    def pressure(self):
+        return self.unit * super().pressure
+
+    def tractions(self, time):
+        return {"left": pressure(self.unit), "right": pressure(self.unit)}
+
+    def start(self, x):
+        velocity, fluidity, pressures = super().start(x)
+        return velocity, fluidity, self.unit * pressures
+"""
+
+
+def test_other_units_give_the_same_answer(plain, tmp_path):
+    """Stresses in Pa instead of in |sigma_1|: no number of the solver has a stress in it."""
+    (tmp_path / "pascal.py").write_text(UNITS)
+    path = tmp_path / "pascal.h5"
+    pgran(0, "direct.opts", path, *SMALL, "-pgran_case", f"{tmp_path / 'pascal.py'}:Pascal",
+          "-pgran_shear_modulus", 1000 * 2.5e4, "-snes_atol", 1e-8 * 2.5e4)
+    (_, a), (_, b) = snapshot(plain), snapshot(path)
+    for name, values in a.items():
+        unit = 2.5e4 if name in ("pressure", "deviator") else 1.0
+        np.testing.assert_allclose(b[name] / unit, values, rtol=0.0,
+                                   atol=1e-6 * np.abs(values).max(), err_msg=name)
+    np.testing.assert_allclose(history(path)["work"] / 2.5e4, history(plain)["work"], rtol=1e-6,
+                               atol=1e-9)
+
+
+def test_scales_do_not_change_the_answer(plain, tmp_path):
+    path = tmp_path / "si.h5"
+    pgran(0, "direct.opts", path, *SMALL, "-pgran_grain_diameter", 5e-4, "-pgran_grain_density",
+          2600, "-pgran_lateral_stress", 5e4)
+    for name, values in snapshot(plain)[1].items():
+        np.testing.assert_array_equal(snapshot(path)[1][name], values)
+    with h5py.File(path) as file:
+        length, stress, time = (file.attrs[f"scale_{name}"]
+                                for name in ("length", "stress", "time"))
+    # I0 = gdot0 d sqrt(rho_s/P0) in SI, with P0 = 1.6202 |sigma_1|
+    P0 = stress / (1.0 - 0.3819 - 0.9377e-3)
+    assert length / time * np.sqrt(2600 / P0) == pytest.approx(0.001, rel=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.4, np.pi / 2, 3.0])
+def test_a_rigid_rotation_turns_the_stress_with_the_material(angle):
+    """An elastic deviator below yield: its invariants stay, and its axes turn by the angle."""
+    form = discretised(element_size=20, width=40, height=40, model="li", imperfection=1)
+    steps, rate = 40, 1.0
+    centre = np.array([[20.0], [20.0]])
+    first = form.no_stress()
+    first[0], first[1], first[2] = 0.05, -0.05, 0.02
+
+    def motion(x):
+        return rate * np.array([-(x - centre)[1], (x - centre)[0]])
+
+    x = form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    pressure = np.full(form.grid.corners.size, 1.6)
+
+    def unknowns(at):
+        return form.grid.join(motion(at), None, pressure)
+
+    form.held[:] = True
+    form.prescribed = lambda time: np.full(form.grid.n_local, np.nan)
+    errors = []
+    for n in (steps, 2 * steps):
+        dt = angle / rate / n
+        state = State(0.0, x, unknowns(x), first.copy())
+        for _ in range(n):
+            step = TimeStep(form, state, dt)
+            local = unknowns(step.increment.x)
+            step.increment.prescribed = local
+            state = step.end(local, form.stress(local, step.increment))
+        cos, sin = np.cos(2.0 * angle), np.sin(2.0 * angle)
+        turned = [0.05 * cos - 0.02 * sin, -0.05 * cos + 0.02 * sin, 0.05 * sin + 0.02 * cos]
+        errors.append(max(np.abs(part - value).max() for part, value in zip(state.stress, turned)))
+        size = np.sqrt(state.stress[0]**2 + state.stress[2]**2)
+        np.testing.assert_allclose(size, np.hypot(0.05, 0.02), rtol=2e-3)
+    assert errors[1] < 1e-4 and errors[0] / errors[1] > 3.0, errors  # second order in the step
+
+
+def test_work_is_dissipation_plus_stored_energy_and_volume_is_kept(tmp_path):
+    """Through 14 %: the energy to 0.5 % and the volume to 1e-4, as docs/reproduction.md says."""
+    path = tmp_path / "run.h5"
+    pgran(2, "biaxial.opts", path, "-pgran_element_size", 4, "-pgran_compression", 0.14,
+          "-pgran_snapshots", 0.14)
+    found = history(path)
+    later = found["compression"] > 1e-3
+    assert np.abs(found["energy_error"][later]).max() < 5e-3
+    assert np.abs(found["volume"] / 4800.0 - 1.0).max() < 1e-4
+    missing = found["work"] - found["dissipation"] - found["stored_energy"]
+    np.testing.assert_allclose(missing / found["work"], found["energy_error"], atol=1e-12)
+    # The work by hand: the plates' force times their way, and the faces' pressure times theirs.
+    height = 120.0 * (1.0 - found["compression"])
+    width = found["volume"] / height
+    way, out = np.diff(height, prepend=120.0), np.diff(width, prepend=40.0)
+    middle = 0.5 * (found["top_stress"][1:] * width[1:] + found["top_stress"][:-1] * width[:-1])
+    by_hand = (middle * way[1:] - 0.5 * (height[1:] + height[:-1]) * out[1:]).sum()
+    assert found["work"][-1] - found["work"][0] == pytest.approx(by_hand, rel=5e-3)
+
+
+def test_a_run_of_a_thousand_steps_keeps_its_memory_and_its_objects(tmp_path):
+    alive, memory = [], []
+    for steps in (100, 1000):
+        log = tmp_path / f"{steps}.log"
+        path = tmp_path / f"{steps}.h5"
+        pgran(0, "direct.opts", path, "-pgran_width", 40, "-pgran_height", 40,
+              "-pgran_element_size", 20, "-pgran_step_max", 5e-5, "-pgran_progress", "quiet",
+              "-pgran_compression", 0.1, "-ts_max_steps", steps, "-log_view", f":{log}")
+        with h5py.File(path) as file:
+            assert len(file["history/time"]) == steps
+            memory.append(file.attrs["memory"])
+        rows = re.findall(r"^ +([A-Z][\w ]+?) +(\d+) +(\d+)", log.read_text().split(
+            "Object Type")[1], re.MULTILINE)
+        created, destroyed = (sum(int(row[k]) for row in rows) for k in (1, 2))
+        assert created > 50, rows
+        alive.append(created - destroyed)
+    assert alive[0] == alive[1], alive
+    assert memory[1] - memory[0] < 10.0, memory
