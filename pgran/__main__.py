@@ -14,7 +14,7 @@ import resource
 import sys
 import time
 
-from .cli import Signals, choose_solver, report_unread, solver_options, start, steady
+from .cli import Signals, all_come, choose_solver, report_unread, solver_options, start, steady
 
 
 def main(arguments):
@@ -62,6 +62,7 @@ class Run:
         from .solve.driver import Driver
 
         self.began, self.form, self.case = time.monotonic(), form, form.case
+        self.apart = form.grid.comm.tompi4py().Dup()
         self.comm, self.parameters = form.grid.comm.tompi4py(), form.case.parameters
         self.steady, self.last_checkpoint = is_steady, (time.monotonic(), 0)
         self.terminal = Terminal(form.grid.comm, self.parameters.progress)
@@ -100,6 +101,9 @@ class Run:
             try:
                 driver.solve()
             except (SolutionError, Interrupted) as error:
+                if not all_come(self.apart):
+                    error.alone = True
+                    raise
                 self.stop(isinstance(error, Interrupted))
                 if isinstance(error, Interrupted):
                     raise Interrupted(

@@ -157,7 +157,7 @@ def _told(error, comm, apart):
                 f"more machines need less{f' ({error})' if str(error) else ''}")
     else:
         text = "".join(traceback.format_exception(error)).rstrip()
-    together = _all_come(apart)
+    together = not getattr(error, "alone", False) and all_come(apart)
     if text and (comm.rank == 0 or not together):
         print(text, file=sys.stderr, flush=True)
     if not together:
@@ -167,8 +167,12 @@ def _told(error, comm, apart):
     return code
 
 
-def _all_come(comm):
-    """Return whether all ranks come here within `TOGETHER` seconds."""
+def all_come(comm):
+    """Return whether all ranks come here within `TOGETHER` seconds.
+
+    No other messages may be under way on the mpi4py communicator ``comm``. An error that is found
+    not to be shared gets the attribute ``alone``, so that `start` ends all ranks at once.
+    """
     request, end = comm.Ibarrier(), time.monotonic() + TOGETHER
     while not request.Test():
         if time.monotonic() > end:

@@ -76,7 +76,7 @@ def test_a_mesh_that_turns_inside_out_is_not_accepted(tmp_path):
     path = tmp_path / "run.h5"
     done = pgran(2, "direct.opts", path, "-pgran_case", f"{tmp_path / 'folding.py'}:Folding",
                  "-pgran_element_size", 20, "-pgran_step_max", 0.5, "-pgran_step_error", 1e9,
-                 "-pgran_step_min", 1e-3, check=False)
+                 "-pgran_step_first", 0.01, "-pgran_step_min", 1e-3, check=False)
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert ("turned inside out" in done.stderr or "not a number" in done.stderr), done.stderr
 

@@ -58,11 +58,14 @@ sys.exit(main(sys.argv))
                                    err_msg=name)
 
 
-def test_a_mirrored_problem_has_the_mirrored_answer(plain, tmp_path):
+def test_a_mirrored_problem_has_the_mirrored_answer(tmp_path):
     """The corner that is pinned stays to the left: it shifts the answer along x1."""
-    path = tmp_path / "mirrored.h5"
-    pgran(0, "direct.opts", path, *SMALL, "-pgran_imperfection_mirrored", "true")
-    (_, a), (_, b) = snapshot(plain), snapshot(path)
+    paths = [tmp_path / f"{name}.h5" for name in ("plain", "mirrored")]
+    for path, mirrored in zip(paths, ("false", "true")):  # the same steps, whatever moves how far
+        pgran(0, "direct.opts", path, *SMALL, "-pgran_imperfection_mirrored", mirrored,
+              "-pgran_step_error", 1e9, "-pgran_step_max", 5e-4)
+    (_, a), (_, b) = map(snapshot, paths)
+    assert a["inertial_number"].max() > 1.2e-3  # there is a band to be mirrored
     for name in ("inertial_number", "pressure", "fluidity", "stress_ratio"):
         np.testing.assert_allclose(b[name][:, ::-1], a[name], rtol=0.0,
                                    atol=1e-7 * np.abs(a[name]).max(), err_msg=name)
@@ -100,12 +103,15 @@ class Pascal(Biaxial):
 """
 
 
-def test_other_units_give_the_same_answer(plain, tmp_path):
+def test_other_units_give_the_same_answer(tmp_path):
     """Stresses in Pa instead of in |sigma_1|: no number of the solver has a stress in it."""
     (tmp_path / "pascal.py").write_text(UNITS)
-    path = tmp_path / "pascal.h5"
+    plain, path = (tmp_path / f"{name}.h5" for name in ("plain", "pascal"))
+    # The norm of the residual does have one: Newton's method goes to the rounding error in both.
+    tight = "-snes_rtol", 1e-30, "-snes_max_it", 20, "-snes_atol"
+    pgran(0, "direct.opts", plain, *SMALL, *tight, 1e-10)
     pgran(0, "direct.opts", path, *SMALL, "-pgran_case", f"{tmp_path / 'pascal.py'}:Pascal",
-          "-pgran_shear_modulus", 1000 * 2.5e4, "-snes_atol", 1e-8 * 2.5e4)
+          "-pgran_shear_modulus", 1000 * 2.5e4, *tight, 1e-7)
     (_, a), (_, b) = snapshot(plain), snapshot(path)
     for name, values in a.items():
         unit = 2.5e4 if name in ("pressure", "deviator") else 1.0
@@ -133,7 +139,7 @@ def test_scales_do_not_change_the_answer(plain, tmp_path):
 def test_a_rigid_rotation_turns_the_stress_with_the_material(angle):
     """An elastic deviator below yield: its invariants stay, and its axes turn by the angle."""
     form = discretised(element_size=20, width=40, height=40, model="li", imperfection=1)
-    steps, rate = 40, 1.0
+    steps, rate = 120, 1.0
     centre = np.array([[20.0], [20.0]])
     first = form.no_stress()
     first[0], first[1], first[2] = 0.05, -0.05, 0.02
@@ -167,22 +173,26 @@ def test_a_rigid_rotation_turns_the_stress_with_the_material(angle):
 
 
 def test_work_is_dissipation_plus_stored_energy_and_volume_is_kept(tmp_path):
-    """Through 14 %: the energy to 0.5 % and the volume to 1e-4, as docs/reproduction.md says."""
+    """Through 14 %: energy to 1 % from 0.1 % on, to 0.1 % from 1 % on, and volume to 1e-5."""
     path = tmp_path / "run.h5"
     pgran(2, "biaxial.opts", path, "-pgran_element_size", 4, "-pgran_compression", 0.14,
-          "-pgran_snapshots", 0.14)
+          "-pgran_snapshots", ",".join(f"{c / 100:g}" for c in range(1, 15)))
     found = history(path)
-    later = found["compression"] > 1e-3
-    assert np.abs(found["energy_error"][later]).max() < 5e-3
-    assert np.abs(found["volume"] / 4800.0 - 1.0).max() < 1e-4
+    for start, most in ((1e-3, 1e-2), (1e-2, 1e-3)):
+        assert np.abs(found["energy_error"][found["compression"] > start]).max() < most
+    assert np.abs(found["volume"] / 4800.0 - 1.0).max() < 1e-5
     missing = found["work"] - found["dissipation"] - found["stored_energy"]
     np.testing.assert_allclose(missing / found["work"], found["energy_error"], atol=1e-12)
-    # The work by hand: the plates' force times their way, and the faces' pressure times theirs.
-    height = 120.0 * (1.0 - found["compression"])
-    width = found["volume"] / height
-    way, out = np.diff(height, prepend=120.0), np.diff(width, prepend=40.0)
-    middle = 0.5 * (found["top_stress"][1:] * width[1:] + found["top_stress"][:-1] * width[:-1])
-    by_hand = (middle * way[1:] - 0.5 * (height[1:] + height[:-1]) * out[1:]).sum()
+    # The work by hand: the plate pushes with its stress on its width, and the faces give way to the
+    # unit pressure by as much area as the plate takes.
+    with h5py.File(path) as file:
+        groups = [*file["snapshots"].values()]
+        at = [0.0, *(group.attrs["compression"] for group in groups)]
+        widths = [40.0, *(np.ptp(group["coordinates"][-1, :, 0]) for group in groups)]
+    width = np.interp(found["compression"], at, widths)
+    force = width * (-found["top_stress"] - 1.0)
+    way = -np.diff(120.0 * (1.0 - found["compression"]))
+    by_hand = (0.5 * (force[1:] + force[:-1]) * way).sum()
     assert found["work"][-1] - found["work"][0] == pytest.approx(by_hand, rel=5e-3)
 
 
