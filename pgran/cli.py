@@ -4,7 +4,6 @@ A command that runs on ranks passes its work to `start`; one that needs numpy on
 `answer`. Only this module and `pgran.options` know what an option is called.
 """
 
-import ctypes
 import json
 import os
 import re
@@ -18,6 +17,7 @@ from types import SimpleNamespace
 
 from . import cases, options
 from .options import Interrupted, Option, OptionError, ParameterError, SolutionError
+from .versions import FIRST, callback_error, was_read
 
 HELP = ("-help", "--help", "-h")
 #: Errors that are told in one message; all ranks raise them together.
@@ -103,7 +103,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
         check_command_line(given[1:])
     except OptionError as error:
         given, problem = given[:1], error  # so that PETSc starts, and all ranks can end together
-    given = ["pgran", *file_first(given)[1:]]
+    given = ["pgran", *FIRST, *file_first(given)[1:]]
     if slepc:
         import slepc4py
         slepc4py.init(given)
@@ -141,8 +141,7 @@ def _told(error, comm, apart):
     """Report an error once; return the exit code. Ends all ranks if only some have met it."""
     from petsc4py import PETSc
 
-    if isinstance(error, PETSc.Error) and isinstance(error.__cause__, (*TOLD, Interrupted)):
-        error = error.__cause__
+    error = callback_error(error)
     code = STOPPED if isinstance(error, Interrupted) else 1
     if isinstance(error, SystemExit):
         code, text = error.code or 0, ""
@@ -331,13 +330,8 @@ def unread():
     """Return the options of PETSc that nothing has read so far, {name: text}."""
     from petsc4py import PETSc
 
-    library, used, found = ctypes.CDLL(PETSc.__file__), ctypes.c_int(0), {}
-    for name, value in PETSc.Options().getAll().items():
-        used.value = 0
-        library.PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
-        if not used.value and name != "options_file" and not LAST.match(name):
-            found[name] = value or ""
-    return found
+    return {name: value or "" for name, value in PETSc.Options().getAll().items()
+            if not LAST.match(name) and not was_read(name)}
 
 
 def report_unread(comm):
@@ -522,4 +516,4 @@ def solver_options():
     database = PETSc.Options()
     return "".join(f"-{name} {database.getString(name, '')}".rstrip() + "\n"
                    for name in sorted(database.getAll())
-                   if not name.startswith(options.PREFIX) and name != "options_file")
+                   if not name.startswith((options.PREFIX, "options_")))

@@ -1,6 +1,5 @@
 """A run that is stopped, killed or short of disk loses nothing, and goes on to the same end."""
 
-import os
 import random
 import signal
 import subprocess
@@ -216,9 +215,8 @@ def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(whole, t
         run = start(ranks, *options, *again)
         wait_for(path, steps + 3)
         time.sleep(0.3 * chance.random())
-        os.killpg(run.pid, signal.SIGKILL)
+        launch.kill(path)
         run.communicate()
-        subprocess.run(["pkill", "-9", "-f", str(path)], check=False)  # mpiexec's own groups
         with h5py.File(path) as file:  # whole, whatever happened
             assert len(file["history/time"]) >= steps
             for group in file["snapshots"].values():
@@ -236,9 +234,8 @@ def test_history_is_on_the_disk_while_the_run_goes_on_and_readers_do_not_disturb
         seen = len(held["history/time"])
         wait_for(path, seen + 8)
         assert len(held["history/time"]) == seen
-        run.send_signal(signal.SIGKILL)
+        launch.kill(path)
         run.communicate()
-    subprocess.run(["pkill", "-9", "-f", str(path)], check=False)
     assert len(history(path)["time"]) >= seen + 8
 
 

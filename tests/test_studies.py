@@ -446,3 +446,12 @@ def test_a_job_starts_its_study():
     made = subprocess.run(["bash", "jobs/regime.sh", "-help"], text=True, capture_output=True,
                           env={**os.environ, "PGRAN_PYTHON": sys.executable}, check=True)
     assert "At which I0 and L does flow localise" in made.stdout
+
+
+def test_a_table_of_runs_that_all_failed_is_an_error(tmp_path):
+    table = Table(tmp_path / "t.csv", {"case": "", "angle": ".1f"})
+    table.note("one", "did not come to its end")
+    with pytest.raises(SolutionError, match="no run came to its end"):
+        table.close()
+    table.row("two", 51.0)
+    table.close()

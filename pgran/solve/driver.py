@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from ..options import Interrupted, OptionError, ParameterError, SolutionError
 from ..space import multigrid
 from ..space.element import NODES, Geometry, least_determinant
+from ..versions import callback_error
 from .balance import Balance
 from .controller import StepController
 from .failure import described, name_of
@@ -226,9 +227,10 @@ class Driver:
         try:
             with PETSc.Log.Stage("Solve"):
                 self.ts.solve(u)
-        except PETSc.Error as error:  # petsc4py 3.26 wraps what a callback raises, 3.18 does not
-            if isinstance(error.__cause__, ERRORS):
-                raise error.__cause__ from None
+        except PETSc.Error as error:
+            raised = callback_error(error)
+            if isinstance(raised, ERRORS):
+                raise raised from None
             raise
         reason, reasons = self.ts.getConvergedReason(), PETSc.TS.ConvergedReason
         if reason < 0:

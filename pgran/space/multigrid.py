@@ -16,6 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..options import ParameterError
+from ..versions import set_schur_matrix
 from .element import quadratic
 
 #: Weights of the three nodes of a coarse element at the five nodes of its two halves.
@@ -67,8 +68,7 @@ def configure(ksp, form):
     if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
         return None
     schur = form.create_pressure_mass()
-    kinds = getattr(PETSc.PC, "FieldSplitSchurPreType", None) or PETSc.PC.SchurPreType
-    pc.setFieldSplitSchurPreType(kinds.USER, schur)  # petsc4py 3.18 has the shorter name
+    set_schur_matrix(pc, schur)
     return schur
 
 

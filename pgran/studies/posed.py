@@ -51,3 +51,4 @@ def main(sizes="2 1 0.5", compression="0.01", directory="results/posed", *, opti
                       "yes" if found["localised"] else "no", crossed(path), *(
                           [100 * apart["l2"], 100 * apart["maximum"]] if apart else [None, None]),
                       *cost(took))
+    table.close()

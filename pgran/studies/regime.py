@@ -47,6 +47,7 @@ def main(directory="results/regime", *, options=()):
             rows.append((width, number, row["inertial_number_min"] / number,
                          row["inertial_number_max"] / number, row["localised"]))
             table.row(*rows[-1], row["angle"], row["width"])
+    table.close()
     draw(np.array(rows, dtype=float), Path(directory) / "regime.png")
 
 

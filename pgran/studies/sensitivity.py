@@ -44,3 +44,4 @@ def main(directory="results/sensitivity", *, options=()):
         for row in band.measure(path):
             table.row(name, row["compression"], row["inertial_number_max"], row["angle"],
                       row["width"], *cost(took))
+    table.close()

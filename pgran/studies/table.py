@@ -4,6 +4,8 @@ import csv
 import re
 from pathlib import Path
 
+from ..options import SolutionError
+
 #: Columns of what a run took: time steps, repeated ones, iterations, seconds and memory.
 COST = {"steps": "d", "repeated": "d", "Newton": "d", "linear": "d", "s": ".0f", "MB": ".0f"}
 
@@ -31,7 +33,7 @@ class Table:
     """
 
     def __init__(self, path, columns):
-        self.path, self.columns = Path(path), columns
+        self.path, self.columns, self._rows = Path(path), columns, 0
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.write_text("")
         self._write(columns)
@@ -42,6 +44,7 @@ class Table:
         """Add a row. Texts are shown as they are, and None, a missing value, as a dash."""
         if len(values) != len(self.columns):
             raise ValueError(f"{len(values)} values for {len(self.columns)} columns")
+        self._rows += 1
         self._write("" if value is None else value for value in values)
         self._show("-" if value is None else value if isinstance(value, str)
                    else format(value, form) for value, form in zip(values, self.columns.values()))
@@ -49,6 +52,12 @@ class Table:
     def note(self, *words):
         """Add a row that has texts in its first columns and nothing else."""
         self.row(*words, *[None] * (len(self.columns) - len(words)))
+        self._rows -= 1
+
+    def close(self):
+        """Raise `pgran.options.SolutionError` if the table has nothing but notes."""
+        if not self._rows:
+            raise SolutionError(f"no run came to its end; {self.path} has nothing to tell")
 
     def _write(self, values):
         with open(self.path, "a", newline="") as file:

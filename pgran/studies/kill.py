@@ -1,0 +1,165 @@
+"""Does a run survive what clusters do to it? kill [moments] [directory]
+
+A run is killed (SIGKILL to all its processes) at 20 random moments, and goes on each time on
+another number of ranks. Its fields and its history must be those of a run that was left alone.
+Then the disk fails under it: it is full, and it becomes read-only. Each ends in one error, with the
+last checkpoint intact, from which the run goes on to the same end. The disk is a small tmpfs, which
+root can mount; without root that part is left out, and the study says so.
+"""
+
+import itertools
+import os
+import random
+import subprocess
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..options import SolutionError
+from ..output.checkpoint import checkpoints_of
+from . import launch
+
+#: A specimen that yields and forms a band, in some fifty steps.
+OPTIONS = ("-pgran_element_size", 4, "-pgran_compression", 0.02, "-pgran_snapshots",
+           "0.005,0.01,0.015,0.02", "-pgran_checkpoint_steps", 2, *launch.QUIET)
+FILE = "options/direct.opts"
+RANKS = 2, 1, 3, 2, 4, 1
+#: Seconds within which a run must get further than the last one.
+LIMIT = 120.0
+#: How far fields may be from those of a run that was left alone, over their largest value.
+TOLERANCE = 1e-7
+#: Bytes of the small disk.
+SMALL = 1_500_000
+
+
+def steps(path):
+    """Return how many steps the history of a result holds; 0 without a result."""
+    if not Path(path).exists():
+        return 0
+    with h5py.File(path, "r") as file:
+        return len(file["history/time"])
+
+
+def apart(path, whole):
+    """Return how far the fields of two results are apart, over their largest value.
+
+    Raises SolutionError where snapshots or histories are not the same ones.
+    """
+    with h5py.File(path, "r") as mine, h5py.File(whole, "r") as theirs:
+        times = [file["history/time"][...] for file in (mine, theirs)]
+        if times[0].shape != times[1].shape or np.any(np.diff(times[0]) <= 0.0):
+            raise SolutionError(f"{path}: its history has {times[0].size} entries, and "
+                                f"{times[1].size} are expected, each later than the one before")
+        if list(mine["snapshots"]) != list(theirs["snapshots"]):
+            raise SolutionError(f"{path}: its snapshots are {list(mine['snapshots'])}")
+        far = [np.abs(times[0] - times[1]).max() / times[1][-1]]
+        for name, group in theirs["snapshots"].items():
+            far += [np.abs(mine["snapshots"][name][key][...] - data[...]).max()
+                    / np.abs(data[...]).max() for key, data in group.items()]
+    return max(far)
+
+
+def killed(path, ranks, chance):
+    """Go on with the run on ``ranks`` and kill it at a random moment; return whether it ended."""
+    before = steps(path)
+    again = ("-pgran_restart", path) if checkpoints_of(path) else ()
+    if not again and Path(path).exists():
+        Path(path).unlink()  # killed before its first checkpoint
+    line, environment = launch.command(ranks if ranks > 1 else 0, "-m", "pgran", "-options_file",
+                                       FILE, *OPTIONS, "-pgran_output", path, *again)
+    wanted, end = before + chance.randint(1, 6), time.monotonic() + LIMIT
+    with subprocess.Popen(line, env=environment, start_new_session=True) as process:
+        while process.poll() is None and steps(path) < wanted:
+            if time.monotonic() > end:
+                launch.kill(path)
+                raise SolutionError(f"{path}: it gets no further than {steps(path)} steps")
+            time.sleep(0.01)
+        time.sleep(0.2 * chance.random())
+        ended = process.poll() is not None
+        launch.kill(path)
+    return ended
+
+
+def kills(moments, directory):
+    """Kill a run at random moments; print what came of it."""
+    whole, path, chance = directory / "whole.h5", directory / "killed.h5", random.Random(1)
+    launch.run(whole, FILE, *OPTIONS, ranks=1)
+    for old in (path, *checkpoints_of(path)):
+        old.unlink(missing_ok=True)
+    ranks, count = itertools.cycle(RANKS), 0
+    while count < moments:
+        number = next(ranks)
+        if killed(path, number, chance):
+            # It was at its end: begin anew.
+            print(f"  ended on {number} ranks, {apart(path, whole):.1e} apart")
+            if apart(path, whole) > TOLERANCE:
+                raise SolutionError(f"{path}: more than {TOLERANCE:g} apart")
+            for old in (path, *checkpoints_of(path)):
+                old.unlink()
+            continue
+        count += 1
+        print(f"  kill {count:2d} on {number} ranks: {steps(path)} steps on the disk, "
+              f"{len(checkpoints_of(path))} checkpoints", flush=True)
+    if checkpoints_of(path):
+        launch.python(2, "-m", "pgran", "-options_file", FILE, *OPTIONS, "-pgran_output", path,
+                      "-pgran_restart", path)
+    else:
+        launch.run(path, FILE, *OPTIONS)
+    far = apart(path, whole)
+    print(f"  {moments} kills: the history has {steps(path)} entries, as that of a run left alone; "
+          f"fields are {far:.1e} apart")
+    if far > TOLERANCE:
+        raise SolutionError(f"{path}: more than {TOLERANCE:g} apart")
+
+
+def mount(*arguments):
+    """Mount or unmount; raises subprocess.CalledProcessError where that fails."""
+    subprocess.run(arguments, check=True, capture_output=True)
+
+
+def faults(directory):
+    """Let a small disk fail under a run; print what came of it."""
+    whole, disk = directory / "whole.h5", (directory / "disk").resolve()
+    disk.mkdir(exist_ok=True)
+    for name in ("full", "read-only"):
+        path = disk / "run.h5"
+        mount("mount", "-t", "tmpfs", "-o", f"size={SMALL if name == 'full' else 100 * SMALL}",
+              "tmpfs", str(disk))
+        try:
+            line, environment = launch.command(2, "-m", "pgran", "-options_file", FILE, *OPTIONS,
+                                               "-pgran_output", path)
+            with subprocess.Popen(line, env=environment, stderr=subprocess.PIPE,
+                                  text=True) as process:
+                if name == "read-only":
+                    while len(checkpoints_of(path)) < 2 and process.poll() is None:
+                        time.sleep(0.01)
+                    mount("mount", "-o", "remount,ro", str(disk))
+                errors = process.communicate(timeout=LIMIT)[1]
+            told = [text for text in errors.splitlines() if "error: " in text]
+            if process.returncode != 1 or len(told) != 1:
+                raise SolutionError(f"{name} disk: exit code {process.returncode}, {errors}")
+            held = steps(path), len(checkpoints_of(path))
+            mount("mount", "-o", f"remount,rw,size={100 * SMALL}", str(disk))
+            launch.python(2, "-m", "pgran", "-options_file", FILE, *OPTIONS, "-pgran_output", path,
+                          "-pgran_restart", path)
+            far = apart(path, whole)
+            print(f"  {name} disk: {told[0]}\n    {held[0]} steps and {held[1]} checkpoints are "
+                  f"there; gone on from them, fields are {far:.1e} apart")
+            if far > TOLERANCE:
+                raise SolutionError(f"{name} disk: more than {TOLERANCE:g} apart")
+        finally:
+            launch.kill(disk)
+            mount("umount", str(disk))
+
+
+def main(moments="20", directory="results/kill"):
+    """Kill a run ``moments`` times, and let its disk fail."""
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    kills(int(moments), directory)
+    if os.geteuid():
+        print("  disks that fail are left out: only root can mount a small one")
+    else:
+        faults(directory)
