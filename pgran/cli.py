@@ -27,7 +27,7 @@ STOPPED = 75
 #: Signals that ask a run to stop; batch systems send them before they kill.
 SIGNALS = signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2
 #: Seconds that the other ranks have to raise an error too, before it is taken for one rank's own.
-TOGETHER = 5.0
+TOGETHER = 3.0
 #: The flag that asks for JSON, which most commands have.
 JSON = Option("json", "flag", False, "", "print one JSON object instead of text", prefix="")
 #: What the names of PETSc's and SLEPc's options begin with.

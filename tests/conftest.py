@@ -1,11 +1,15 @@
 """What the tests share: discretisations, and runs under mpiexec with a time limit."""
 
+import os
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import petsc4py
 
+# One machine: Open MPI need not look for networks each time that it starts.
+os.environ.setdefault("OMPI_MCA_pml", "ob1")
+os.environ.setdefault("OMPI_MCA_btl", "self,vader")
 petsc4py.init(["pgran-tests"])
 from pgran.studies import launch  # noqa: E402
 

@@ -28,6 +28,8 @@ RANKS = int(os.environ.get("PGRAN_RANKS", 2))
 IGNORED = "output", "progress", "restart", "seed", "checkpoint_steps", "checkpoint_minutes"
 #: Seconds that a process has to end itself and its ranks.
 GRACE = 10.0
+#: What a user may choose for Open MPI.
+NETWORK = "OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl"
 #: Options of runs that only show errors.
 QUIET = "-pgran_progress", "quiet"
 
@@ -39,8 +41,8 @@ def command(ranks, *arguments):
     environment = dict(os.environ)
     if not launcher:
         # What an MPI that runs already has left behind would confuse another one.
-        environment = {key: value for key, value in environment.items()
-                       if not key.startswith(("OMPI_", "PMIX_", "PRTE_"))}
+        environment = {key: value for key, value in environment.items() if key in NETWORK
+                       or not key.startswith(("OMPI_", "PMIX_", "PRTE_"))}
     if ranks:
         count = [] if launcher and ranks == RANKS else ["-n", str(ranks)]
         line = [*(launcher or ["mpiexec"]), *count, *line]

@@ -33,7 +33,8 @@ class Table:
     """
 
     def __init__(self, path, columns):
-        self.path, self.columns, self._rows = Path(path), columns, 0
+        self.path, self.columns = Path(path), columns
+        self._rows = self._notes = 0
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.write_text("")
         self._write(columns)
@@ -52,11 +53,11 @@ class Table:
     def note(self, *words):
         """Add a row that has texts in its first columns and nothing else."""
         self.row(*words, *[None] * (len(self.columns) - len(words)))
-        self._rows -= 1
+        self._rows, self._notes = self._rows - 1, self._notes + 1
 
     def close(self):
         """Raise `pgran.options.SolutionError` if the table has nothing but notes."""
-        if not self._rows:
+        if self._notes and not self._rows:
             raise SolutionError(f"no run came to its end; {self.path} has nothing to tell")
 
     def _write(self, values):
