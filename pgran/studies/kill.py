@@ -2,15 +2,16 @@
 
 A run is killed (SIGKILL to all its processes) at 20 random moments, and goes on each time on
 another number of ranks. Its fields and its history must be those of a run that was left alone.
-Then the disk fails under it: it is full, and it becomes read-only. Each ends in one error, with the
-last checkpoint intact, from which the run goes on to the same end. The disk is a small tmpfs, which
-root can mount; without root that part is left out, and the study says so.
+Then the folder becomes read-only under it, and its disk full. Each ends in one error, with the last
+checkpoint intact, from which the run goes on to the same end. The full disk is a small tmpfs, which
+only root can mount; without root that part is left out, and the study says so.
 """
 
 import itertools
 import os
 import random
 import subprocess
+import tempfile
 import time
 from pathlib import Path
 
@@ -18,7 +19,7 @@ import h5py
 import numpy as np
 
 from ..options import SolutionError
-from ..output.checkpoint import checkpoints_of
+from ..output.checkpoint import KEPT, checkpoints_of
 from . import launch
 
 #: A specimen that yields and forms a band, in some fifty steps.
@@ -30,8 +31,10 @@ RANKS = 2, 1, 3, 2, 4, 1
 LIMIT = 120.0
 #: How far fields may be from those of a run that was left alone, over their largest value.
 TOLERANCE = 1e-7
+#: A user who is not root.
+NOBODY = 65534
 #: Bytes of the small disk.
-SMALL = 1_500_000
+SMALL = 2_300_000
 
 
 def steps(path):
@@ -119,39 +122,55 @@ def mount(*arguments):
     subprocess.run(arguments, check=True, capture_output=True)
 
 
+def fault(name, path, whole, spoil, mend, before=()):
+    """Spoil the disk under a run to ``path``, mend it, and go on; print what came of it.
+
+    ``spoil()`` is called once there are two checkpoints, and ``before`` are words in front of the
+    command.
+    """
+    more = ("-options_file", FILE, *OPTIONS, "-pgran_output", path)
+    line, environment = launch.command(2, "-m", "pgran", *more)
+    with subprocess.Popen([*before, *line], env=environment, stderr=subprocess.PIPE,
+                          text=True) as process:
+        while len(checkpoints_of(path)) < KEPT and process.poll() is None:
+            time.sleep(0.01)
+        spoil()
+        errors = process.communicate(timeout=LIMIT)[1]
+    told = [text for text in errors.splitlines() if "error: " in text]
+    if process.returncode != 1 or len(told) != 1:
+        raise SolutionError(f"{name}: exit code {process.returncode}, {errors}")
+    held = steps(path), len(checkpoints_of(path))
+    mend()
+    launch.python(2, "-m", "pgran", *more, "-pgran_restart", path)
+    far = apart(path, whole)
+    print(f"  {name}: {told[0]}\n    {held[0]} steps and {held[1]} checkpoints are there; gone on "
+          f"from them, fields are {far:.1e} apart", flush=True)
+    if far > TOLERANCE:
+        raise SolutionError(f"{name}: more than {TOLERANCE:g} apart")
+
+
 def faults(directory):
-    """Let a small disk fail under a run; print what came of it."""
-    whole, disk = directory / "whole.h5", (directory / "disk").resolve()
+    """Let the folder become read-only under a run, and its disk full."""
+    whole, root = directory / "whole.h5", not os.geteuid()
+    with tempfile.TemporaryDirectory() as folder:  # of a user who is not root, who may write always
+        os.chmod(folder, 0o777)
+        user = ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups")
+        if root:
+            os.chown(folder, NOBODY, NOBODY)
+        fault("read-only folder", Path(folder) / "run.h5", whole, lambda: os.chmod(folder, 0o555),
+              lambda: os.chmod(folder, 0o777), user if root else ())
+    if not root:
+        print("  a full disk is left out: only root can mount a small one")
+        return
+    disk = (directory / "disk").resolve()
     disk.mkdir(exist_ok=True)
-    for name in ("full", "read-only"):
-        path = disk / "run.h5"
-        mount("mount", "-t", "tmpfs", "-o", f"size={SMALL if name == 'full' else 100 * SMALL}",
-              "tmpfs", str(disk))
-        try:
-            line, environment = launch.command(2, "-m", "pgran", "-options_file", FILE, *OPTIONS,
-                                               "-pgran_output", path)
-            with subprocess.Popen(line, env=environment, stderr=subprocess.PIPE,
-                                  text=True) as process:
-                if name == "read-only":
-                    while len(checkpoints_of(path)) < 2 and process.poll() is None:
-                        time.sleep(0.01)
-                    mount("mount", "-o", "remount,ro", str(disk))
-                errors = process.communicate(timeout=LIMIT)[1]
-            told = [text for text in errors.splitlines() if "error: " in text]
-            if process.returncode != 1 or len(told) != 1:
-                raise SolutionError(f"{name} disk: exit code {process.returncode}, {errors}")
-            held = steps(path), len(checkpoints_of(path))
-            mount("mount", "-o", f"remount,rw,size={100 * SMALL}", str(disk))
-            launch.python(2, "-m", "pgran", "-options_file", FILE, *OPTIONS, "-pgran_output", path,
-                          "-pgran_restart", path)
-            far = apart(path, whole)
-            print(f"  {name} disk: {told[0]}\n    {held[0]} steps and {held[1]} checkpoints are "
-                  f"there; gone on from them, fields are {far:.1e} apart")
-            if far > TOLERANCE:
-                raise SolutionError(f"{name} disk: more than {TOLERANCE:g} apart")
-        finally:
-            launch.kill(disk)
-            mount("umount", str(disk))
+    mount("mount", "-t", "tmpfs", "-o", f"size={SMALL}", "tmpfs", str(disk))
+    try:
+        fault("full disk", disk / "run.h5", whole, lambda: None,
+              lambda: mount("mount", "-o", f"remount,size={100 * SMALL}", str(disk)))
+    finally:
+        launch.kill(disk)
+        mount("umount", str(disk))
 
 
 def main(moments="20", directory="results/kill"):
@@ -159,7 +178,4 @@ def main(moments="20", directory="results/kill"):
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     kills(int(moments), directory)
-    if os.geteuid():
-        print("  disks that fail are left out: only root can mount a small one")
-    else:
-        faults(directory)
+    faults(directory)
