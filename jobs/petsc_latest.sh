@@ -32,27 +32,6 @@ options=(--with-debugging=0 COPTFLAGS=-O2 FOPTFLAGS=-O2 --with-fortran-bindings=
          --with-mumps-include=/usr/include
          "--with-mumps-lib=[-lsmumps,-ldmumps,-lcmumps,-lzmumps,-lmumps_common,-lpord]")
 
-debian() {
-    local missing=() package root=()
-    for package in "${packages[@]}"; do
-        dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q "ok installed" \
-            || missing+=("$package")
-    done
-    ((${#missing[@]})) || return 0
-    echo "pgran: missing Debian packages: ${missing[*]}"
-    if (($(id -u))); then
-        command -v sudo >/dev/null || {
-            echo "pgran: error: they need root, and there is no sudo" >&2
-            exit 1
-        }
-        echo "pgran: sudo is needed to install them"
-        root=(sudo)
-    fi
-    "${root[@]}" apt-get update -qq
-    "${root[@]}" env DEBIAN_FRONTEND=noninteractive \
-        apt-get install -y -qq --no-install-recommends "${missing[@]}"
-}
-
 pip() {
     "$venv/bin/python" -m pip install -qq --disable-pip-version-check "$@"
 }
@@ -70,7 +49,7 @@ build() {
 }
 
 setup() {
-    debian
+    install_packages "${packages[@]}"
     local made wanted
     made="$(pwd) ${options[*]}"
     wanted="$made ${tools[*]} ${modules[*]} ${sources[*]} $(sha256sum setup.cfg)"

@@ -71,7 +71,8 @@ class Run:
             first = state.steady_start(form)
         elif self.parameters.restart:
             first, behind, damaged = state.checkpoint_start(form)
-            self.source = Source(self.parameters.restart, behind["history"], behind["snapshots"])
+            self.source = Source(self.parameters.restart, behind["run"], behind["history"],
+                                 behind["snapshots"])
             for text in damaged:
                 self.terminal.say(f"  passed over a damaged checkpoint, {text}")
         elif self.parameters.seed:
@@ -153,6 +154,8 @@ class Run:
     def due(self):
         """Return whether it is time for a checkpoint, which rank 0 decides."""
         then, step = self.last_checkpoint
+        if self.source and not step:
+            return True  # so that a file of another name has one at once
         every = self.parameters.checkpoint_steps
         if every:
             return self.writer.steps - step >= every

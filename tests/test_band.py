@@ -1,5 +1,7 @@
 """Bands of known angle and width are measured as such, on deformed meshes too."""
 
+import json
+
 import h5py
 import numpy as np
 import pytest
@@ -88,3 +90,13 @@ def test_differences_between_meshes_find_the_order():
     assert all(row["maximum"] < 2.0 * row["l2"] for row in rows)
     with pytest.raises(ValueError, match="do not divide the cells"):
         band.mesh_differences([results[1], results[0]])
+
+
+def test_flow_at_rest_is_measured_without_numbers_that_are_none(tmp_path, capsys):
+    path = tmp_path / "rest.h5"
+    with h5py.File(path, "w") as file:
+        group = file.create_group("snapshots/0000")
+        group["coordinates"], group["inertial_number"] = specimen(False), np.zeros((121, 41))
+    assert measure.main([str(path), "-json"]) == 0
+    row, = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert not row["localised"] and row["inertial_number_max"] == 0.0 and row["angle"] is None

@@ -162,6 +162,23 @@ def test_a_damaged_checkpoint_is_passed_over(short, tmp_path):
             "it has no checkpoint to go on from", older.name, newest.name)
 
 
+def test_a_run_that_dies_at_once_after_it_went_on_can_go_on_again(short, tmp_path):
+    path = tmp_path / "run.h5"
+    pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 8)
+    code = """
+import os, sys, petsc4py
+petsc4py.init(sys.argv)
+from pgran.__main__ import Run, main
+Run.checkpoint = lambda self: os._exit(9)
+sys.exit(main(sys.argv))
+"""
+    done = run_ranks(0, "-c", code, "-options_file", ROOT / "options" / "direct.opts", *SHORT,
+                     "-pgran_output", path, "-pgran_restart", path, check=False)
+    assert done.returncode == 9 and len(history(path)["time"]) == 9
+    pgran(2, "direct.opts", path, *SHORT, "-pgran_restart", path)
+    same(short, path, 1e-7)
+
+
 def start(ranks, *arguments):
     """Start a run in the background, in its own group of processes."""
     line, environment = launch.command(ranks, "-m", "pgran", *arguments)

@@ -108,20 +108,21 @@ class Writer:
         renamed.
         """
         self._attributes.update(attributes)
-        self.run = self.comm.bcast(uuid.uuid4().hex)
+        same = source is not None and self.disk.do(
+            lambda: self.path.exists() and os.path.samefile(source.path, self.path))
+        # A run that goes on in its file is the same one: its checkpoints hold until there are new.
+        self.run = source.run if same else self.comm.bcast(uuid.uuid4().hex)
         self.kept, self.snapshots, self._fields, self._columns = self.disk.do(
-            lambda: self._make(source))
+            lambda: self._make(source, same))
         if self.snapshots:
             self._write_xdmf()
 
-    def _make(self, source):
+    def _make(self, source, same):
         attributes = {
             "run": self.run, "format": FORMAT, "options": self.case.parameters.text(),
             "pgran_version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
             **self.case.scales(), **self._attributes}
-        same = source is not None and os.path.exists(self.path) \
-            and os.path.samefile(source.path, self.path)
         snapshots, fields = [], {}
         draft = Draft(self.path, 0, source.path if source else None)
         try:
@@ -142,6 +143,8 @@ class Writer:
             draft.drop()
             raise
         draft.publish(flush=True)
+        if not snapshots:
+            self.path.with_suffix(".xdmf").unlink(missing_ok=True)
         return kept, snapshots, fields, self._columns
 
     def _make_room(self):
@@ -276,12 +279,14 @@ class Source:
     ----------
     path : str or Path
         The result file.
+    run : str
+        What names the run in its result and in its checkpoints.
     steps, snapshots : int
         Entries of the history, and snapshots, that it held.
     """
 
-    def __init__(self, path, steps, snapshots):
-        self.path, self.steps, self.snapshots = Path(path), steps, snapshots
+    def __init__(self, path, run, steps, snapshots):
+        self.path, self.run, self.steps, self.snapshots = Path(path), run, steps, snapshots
 
     def cut(self, file, columns):
         """Take from an open copy what came later; add its history to ``columns``, {name: list}.
