@@ -87,21 +87,6 @@ def write(path, grid, run, step, values, arrays, option=("output", PREFIX)):
     disk.do(publish)
 
 
-def remove_others(path, run):
-    """Remove checkpoints that are not of the run. Not collective."""
-    for entry in checkpoints_of(path):
-        if _run_of(entry) != run:
-            entry.unlink()
-
-
-def _run_of(entry):
-    try:
-        with h5py.File(entry, "r", locking=False) as file:
-            return file.attrs["run"]
-    except (OSError, KeyError):
-        return None
-
-
 def newest(path, run, accept, disk):
     """Return what ``accept`` makes of the newest good checkpoint of a run. Collective.
 
