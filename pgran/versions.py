@@ -12,12 +12,15 @@ FIRST = "-options_left", "0"
 
 
 def callback_error(error):
-    """Return what a Python callback has raised, from what PETSc raised after it.
+    """Return what PETSc or a Python callback has raised, from what Python saw after it.
 
-    petsc4py 3.26 wraps it in PETSc.Error, and 3.18 lets it through.
+    petsc4py 3.26 wraps what a callback raises in PETSc.Error, and 3.18 lets it through. slepc4py
+    3.26 wraps what SLEPc raises in SystemError.
     """
     from petsc4py import PETSc
 
+    if isinstance(error, SystemError) and isinstance(error.__cause__, PETSc.Error):
+        error = error.__cause__
     return error.__cause__ if isinstance(error, PETSc.Error) and error.__cause__ else error
 
 

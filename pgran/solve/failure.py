@@ -7,8 +7,6 @@ from ..space.element import SHAPE
 
 #: What reasons of SNES mean, and what may help; ``@@`` marks options of PETSc.
 SNES_WORDS = {
-    "DIVERGED_FNORM_NAN": ("the residual is not a number", "a smaller @step_max"),
-    "DIVERGED_FUNCTION_DOMAIN": ("the residual is not a number", "a smaller @step_max"),
     "DIVERGED_MAX_IT": ("Newton's method did not converge in {its} iterations",
                         "a larger @@snes_max_it or a smaller @step_max"),
     "DIVERGED_LINE_SEARCH": ("the line search failed", "@@snes_linesearch_type basic"),
@@ -57,6 +55,8 @@ def described(snes, form, increment, local):
         because, cure = _linear(snes.getKSP())
         why += f": {because}"
     size, text = _largest(snes, form, increment.x)
+    if np.isinf(size):  # the name of this reason differs between versions of PETSc
+        why, cure = f"the residual is not a number ({name})", "a smaller @step_max"
     place = _meaningless(form, increment, local) if np.isinf(size) else None
     if place and place.startswith("pressure"):
         cure = "loads that leave the pressure positive, or a smaller @step_max"
