@@ -46,9 +46,9 @@ def run(parameters, own, comm):
     from .options import ParameterError
     from .space.weakform import discretise
 
-    if parameters.inertia and steady():
-        raise ParameterError("inertia", "true", "steady flow is quasi-static; allowed with "
-                             "-ts_type pseudo is false")
+    if parameters.inertia and steady() and parameters.part("case").moving:
+        raise ParameterError("inertia", "true", "steady flow on a mesh that moves is quasi-static; "
+                             "allowed with -ts_type pseudo is false")
     Run(discretise(parameters, comm), steady()).do()
 
 
@@ -97,6 +97,8 @@ class Run:
         driver = self.driver
         try:
             self.terminal.opening(self.form, driver.ts)
+            if self.case.rests:
+                self.terminal.say(f"  {self.case.rests}")
             if self.source:
                 self.terminal.say(f"  goes on from {self.case.label(driver.state.time)}")
             try:
@@ -206,8 +208,10 @@ class Run:
             cost["steady_residual"] = driver.steady_residual()
         self.writer.flush(complete=whole, **cost)
         if self.steady:
-            terminal.say("  steady: the rigid-viscous equations (2.9)-(2.11) hold to a residual of "
+            terminal.say("  steady: the equations (2.9)-(2.11) hold to a residual of "
                          f"{cost['steady_residual']:.2e} {self.case.stress_unit} d")
+        elif driver.at_rest:
+            terminal.say(f"  at rest at {self.case.label(driver.state.time)}")
         elif not whole:
             terminal.say(f"  stopped by PETSc's options at {self.case.label(driver.state.time)} of "
                          f"{self.case.label(self.case.targets[-1])}")

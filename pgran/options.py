@@ -220,9 +220,9 @@ BOTH = "restart", "seed"
 #: The rows that every run has.
 RUN = (
     _part("case", "biaxial", "cases", "the flow: domain, walls, loads, units and start"),
-    _part("model", "ngf", "material.models", "the rheology: ngf is non-local granular fluidity, li "
-          "the local inertial one, ig the inertial-number gradient, which only the linear theory "
-          "knows", "(2.3)-(2.8), (1.1), (5.1)"),
+    _part("model", "ngf", "material.models", "the rheology: ngf is non-local granular fluidity, "
+          "ngf_primitive its dynamic form, li the local inertial one, ig the inertial-number "
+          "gradient, which only the linear theory knows", "(2.3)-(2.8), (1.1), (5.1)"),
     _part("law", "bingham", "material.laws", "the local law mu_loc(I)", "(1.2), (1.3)"),
     Option("phi", "float", 0.6, "", "solid volume fraction; it matters only with inertia", "(2.2)",
            low=0.0, high=1.0, open_low=True, shared=("seed",)),
@@ -263,6 +263,9 @@ RUN = (
              "it", changeable=True),
     Option("step_growth", "float", 1.5, "", "largest ratio of successive steps", low=1.0,
            open_low=True, changeable=True),
+    positive("steady_time", 1e3, "1/gdot0", "steady flow, with -ts_type pseudo and in spectra "
+             "about a snapshot, may deform elastically within this time; it makes the material "
+             "that rests nearly rigid", "theta = 1/(G T)", changeable=True),
     positive("grain_diameter", None, "m", "d in SI units, for the scales in the result file"),
     positive("grain_density", None, "kg/m^3", "rho_s in SI units, for the scales"),
     Option("progress", "str", "brief", "", "what the terminal shows: every step, some fifty lines "

@@ -14,6 +14,10 @@ With -wave_vector, -convection adds the terms of (A 7): `growth_rate` is then th
 of the eigenvalues of A_ik, as in the paper, and `growth_rate_incompressible` that of A_ik on
 v.k = 0. -amplification follows the wave vector as the flow turns it, to the time -end: the largest
 ln(|v|/|v0|), when it is reached, and the last one.
+
+-pgran_model ngf_primitive depends on the relaxation time t0 in its growth rates and in its fastest
+wave vector, but not in the cut-off, the unstable directions and the critical inertial numbers. Its
+theory knows neither -convection nor -amplification.
 """
 
 import sys
@@ -95,13 +99,15 @@ def analyse(parameters, asked):
         raise OptionError(f"-pgran_model {parameters.model}: it has no linear theory")
     if questions == ["specimen"]:
         return {**given, **specimen_answer(parameters, asked)}
-    coefficients = Coefficients.of(law, model, parameters.inertial_number)
+    coefficients = Coefficients.of_run(parameters)
     gradient = read_base_flow(asked.base_flow)
     N = waves.flow_direction(gradient)
     limit = waves.limit_of_stress_ratio(N)
     given.update(base_flow=asked.base_flow, stress_ratio=float(coefficients.mu),
                  stress_ratio_limit=float(limit),
                  well_posed_pressure=bool(coefficients.mu < limit))
+    if model == "ngf_primitive":
+        given["relaxation_time"] = parameters.relaxation_time
     rate = float(waves.viscous_rate(coefficients.mu, parameters.A, parameters.phi,
                                     parameters.inertial_number))
     if questions == ["cutoff"]:

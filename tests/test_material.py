@@ -11,12 +11,13 @@ from pgran.material.laws.bingham import Bingham
 from pgran.material.laws.jop import Jop
 from pgran.material.models.li import LI
 from pgran.material.models.ngf import NGF
+from pgran.material.models.ngf_primitive import NGFPrimitive
 from pgran.options import ParameterError
 
 RNG = np.random.default_rng(3)
 NON_LOCAL = {"bingham": Bingham(0.3819, 0.9377), "jop": Jop(0.3819, 0.6435, 0.9377)}
 LAWS = {**NON_LOCAL, "barker_gray": BarkerGray(0.3819, 0.6435, 0.279)}
-MODELS = {"ngf": NGF(0.48), "li": LI(0.48)}
+MODELS = {"ngf": NGF(0.48), "ngf_primitive": NGFPrimitive(0.48, 0.01), "li": LI(0.48)}
 
 
 def random_points(n=200, least=0.0):
@@ -53,8 +54,9 @@ def test_cooperativity_lengths_are_those_of_the_paper():
 
 
 @pytest.mark.parametrize("theta", [0.0, 0.5])
-@pytest.mark.parametrize("model, name", [("ngf", "bingham"), ("ngf", "jop"), ("li", "bingham"),
-                                         ("li", "jop"), ("li", "barker_gray")])
+@pytest.mark.parametrize("model, name", [
+    *((model, law) for model in ("ngf", "ngf_primitive") for law in NON_LOCAL),
+    ("li", "bingham"), ("li", "jop"), ("li", "barker_gray")])
 def test_derivatives_are_those_of_the_values(model, name, theta):
     law = LAWS[name]
     gdot, P, g = random_points(least=0.5)
@@ -65,13 +67,17 @@ def test_derivatives_are_those_of_the_values(model, name, theta):
     with np.errstate(invalid="ignore", divide="ignore"):
         exact = answer(gdot, P, g)
         # A law that ends at mu_2 answers nothing beyond; a kink has no derivative.
-        ok = np.isfinite(exact.viscosity.value) & (np.abs(exact.stress_ratio - law.mu_s) > 1e-3)
-        if model == "ngf":
+        ok = np.isfinite(exact.viscosity.value)
+        if model != "ngf_primitive":
+            ok &= np.abs(exact.stress_ratio - law.mu_s) > 1e-3
+        if model != "li":
             ok &= np.isfinite(exact.source.value) & (exact.stress_ratio < 0.6)
     gdot, P, g = gdot[ok], P[ok], g[ok]
     exact = answer(gdot, P, g)
     assert gdot.size > 20
-    for quantity in ("viscosity", "source") if model == "ngf" else ("viscosity",):
+    if model != "li":
+        assert exact.stress_ratio.min() < 0.3 and exact.stress_ratio.max() > 0.45
+    for quantity in ("viscosity", "source") if model != "li" else ("viscosity",):
         for number, suffix in enumerate(("rate", "pressure", "fluidity")):
             if model == "li" and suffix == "fluidity":
                 continue
@@ -116,6 +122,82 @@ def test_homogeneous_state_is_the_one_of_section_4():
                                      np.array([case.fluidity]), 0.0)
     assert answer.source.value[0] == pytest.approx(0.0, abs=1e-12)
     assert answer.inertial_number[0] == pytest.approx(0.001)
+
+
+# The primitive form of NGF
+
+@pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
+def test_uniform_primitive_flow_has_the_local_fluidity_and_the_linearised_source_of_ngf(law):
+    I = np.geomspace(1e-6, 0.5, 30)
+    P = RNG.uniform(0.5, 3.0, I.size)
+    mu, s = law.stress_ratio(I)[0], np.sqrt(P) / 0.1
+    g = s * I / mu
+    steady, primitive = (MODELS[name].response(law, s, g * mu, P, g, 0.0)
+                         for name in ("ngf", "ngf_primitive"))
+    # All that is left is the rounding of mu - mu_s.
+    np.testing.assert_allclose(primitive.source.value, 0.0, atol=1e-14 * g.max())
+    for name in ("rate", "pressure", "fluidity"):
+        found, expected = (getattr(a.source, name) for a in (primitive, steady))
+        np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-12)
+    for name in ("value", "pressure", "fluidity"):
+        assert (getattr(primitive.viscosity, name) == getattr(steady.viscosity, name)).all()
+
+
+@pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
+def test_primitive_source_is_smooth_through_yield(law):
+    model, g = MODELS["ngf_primitive"], np.full(3, 2.0)
+    for size in (1e-4, 1e-8, 1e-12):
+        mu = law.mu_s + size * np.array([-1.0, 0.0, 1.0])
+        F = model.source(law, np.full(3, 10.0), mu, np.ones(3), g)
+        # Jop: K'' = -2/(mu_2 - mu_s) at mu_s
+        for part in (F.rate, F.fluidity):
+            np.testing.assert_allclose(part, part[1], atol=20.0 * size)
+        np.testing.assert_allclose(np.diff(F.value), size * F.rate[1],
+                                   rtol=10.0 * size + 1e-15 / size)
+
+
+@pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
+def test_no_fluidity_is_a_primitive_solution_at_every_stress(law):
+    P, theta = np.full(60, 1.5), 0.5
+    gdot = np.append(0.0, np.geomspace(1e-6, 0.64, 59)) * theta * P  # mu up to nearly mu_2
+    answer = MODELS["ngf_primitive"].response(law, np.sqrt(P) / 0.1, gdot, P, np.zeros(60), theta)
+    np.testing.assert_allclose(answer.stress_ratio, gdot / (theta * P))
+    assert (answer.source.value == 0.0).all() and (answer.source.rate == 0.0).all()
+    assert (answer.source.pressure == 0.0).all()
+    # Disturbances of g = 0 decay below mu_s and grow above.
+    above = answer.stress_ratio > law.mu_s
+    assert above.any() and (np.sign(answer.source.fluidity) == np.where(above, -1.0, 1.0)).all()
+
+
+def test_primitive_source_takes_the_yield_value_of_each_element():
+    factor, model = np.array([1.0, 0.9]), MODELS["ngf_primitive"]
+    mu, one = np.full((4, 2), 0.36), np.ones((4, 2))
+    for law in NON_LOCAL.values():
+        found = model.source(law.weakened(factor), 10.0 * one, mu, one, one)
+        for column, part in enumerate(factor):
+            alone = model.source(law.weakened(part), 10.0, mu[:, 0], one[:, 0], one[:, 0])
+            for name in ("value", "rate", "pressure", "fluidity"):
+                assert (getattr(found, name)[:, column] == getattr(alone, name)).all()
+
+
+def test_relaxation_takes_the_inertial_time_of_the_grains_unless_given():
+    for given, time in (({}, 1e-3), ({"inertial_number": 0.03}, 0.03),
+                        ({"relaxation_time": 0.2}, 0.2)):
+        p = parameters(model="ngf_primitive", **given)
+        assert p.part("model").of(p).storage == {"fluidity": time}
+
+
+class Shorter(Bingham):
+    """The Bingham law with half the cooperativity length."""
+
+    def inverse_length_squared(self, mu):
+        return tuple(4.0 * part for part in super().inverse_length_squared(mu))
+
+
+def test_a_length_that_would_change_the_uniform_fluidity_is_refused():
+    with pytest.raises(ParameterError, match="another A.2 d.2/xi.2 than b I_loc"):
+        parameters(model="ngf_primitive", law=f"{__file__}:Shorter")
+    parameters(model="ngf", law=f"{__file__}:Shorter")
 
 
 def test_inertial_numbers_beyond_plane_strain_are_refused():

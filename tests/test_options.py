@@ -195,7 +195,7 @@ def test_a_case_is_one_new_file(tmp_path):
     assert "this option belongs to -pgran_case layer" in told
 
 
-@pytest.mark.parametrize("name", ["planar_shear", "power_law"])
+@pytest.mark.parametrize("name", ["own_case", "power_law"])
 def test_worked_examples_run_from_outside_the_package(tmp_path, name):
     coarse = ("-pgran_element_size", 4) if name == "power_law" else ()
     done = pgran(2, f"{name}.opts", tmp_path / "x.h5", *coarse, limit=120)
@@ -207,7 +207,7 @@ def test_the_worked_case_is_in_equilibrium(tmp_path):
     import numpy as np
 
     path = tmp_path / "x.h5"
-    pgran(2, "planar_shear.opts", path)
+    pgran(2, "own_case.opts", path)
     with h5py.File(path) as file:
         stress = file["history/shear_stress"][-1]
         fields = {name: data[...] for name, data in file["snapshots/0000"].items()}

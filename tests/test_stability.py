@@ -4,12 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from conftest import ROOT, run_ranks
+from conftest import ROOT, parameters, run_ranks
 
 from pgran import stability
 from pgran.material.laws.barker_gray import BarkerGray
 from pgran.material.laws.bingham import Bingham
 from pgran.material.laws.jop import Jop
+from pgran.material.models.ngf_primitive import NGFPrimitive
 from pgran.theory import turning, waves
 from pgran.theory.waves import BASE_FLOWS, Coefficients
 
@@ -321,6 +322,12 @@ def test_amplitude_in_three_dimensions_is_that_in_the_plane():
     (["-cutoff", "-convection"], "-convection: allowed only with -wave_vector"),
     (["-cutoff", "-pgran_law", "barker_gray"], "the law BarkerGray has no cooperativity length"),
     (["-specimen", "-pgran_plates_slip", "false"], "-specimen: the closed form holds for a"),
+    (["-wave_vector", "1,1", "-convection", "-pgran_model", "ngf_primitive"], "the model "
+     "ngf_primitive: its theory leaves out convection"),
+    (["-wave_vector", "1,1", "-amplification", "-pgran_model", "ngf_primitive"], "the model "
+     "ngf_primitive: its theory leaves out convection"),
+    (["-wave_vector", "1,1", "-pgran_model", "ngf_primitive", "-pgran_relaxation_time", "0"],
+     "-pgran_relaxation_time 0: allowed is a number > 0"),
     (["-specimen", "-pgran_case", "periodic"], "not for -pgran_case periodic"),
     (["-specimen", "-parity", "odd"], "-parity odd: allowed is sway | barrel"),
 ])
@@ -463,3 +470,166 @@ def test_theory_imports_neither_petsc_nor_mpi():
     code = ("import sys, pgran.stability; "
             "sys.exit(any(m in sys.modules for m in ('petsc4py', 'mpi4py')))")
     run_ranks(0, "-c", code)
+
+
+# The primitive form of NGF
+
+def discrete_growth(k, N, law, I0, t0, phi=0.6, A=0.48):
+    """Growth rates (n,), gdot0, of the linearised balances of momentum, volume and fluidity.
+
+    Unknowns v, P, g of a wave exp(i k.x), ``k`` (n,) in 1/d: lambda B u = C u. The derivatives of
+    viscosity and source are differences of what the model answers about homogeneous flow.
+    """
+    n, model = k.size, NGFPrimitive(A, t0)
+    P0 = 1.7
+    mu = law.stress_ratio(np.asarray(I0))[0]
+    base = np.array([1.0, P0, 1.0 / mu])
+    D0 = N / np.sqrt(2.0)
+
+    def answer(gdot, P, g):
+        found = model.response(law, np.sqrt(P / P0) / I0, np.asarray(gdot), P, g, 0.0)
+        return np.array([found.viscosity.value, found.source.value])
+
+    assert abs(answer(*base)[1]) < 1e-12
+    slopes = np.empty((2, 3))
+    for number, size in enumerate(1e-5 * base):
+        step = size * np.eye(3)[number]
+        slopes[:, number] = (answer(*base + step) - answer(*base - step)) / (2.0 * size)
+
+    change = np.zeros((3, n + 2), dtype=complex)  # of gdot, P and g
+    change[0, :n] = 2.0j * D0 @ k
+    change[1, n] = change[2, n + 1] = 1.0
+    viscosity, source = slopes @ change
+    C, B = np.zeros((n + 2, n + 2), dtype=complex), np.zeros((n + 2, n + 2))
+    B[:n, :n] = phi * I0**2 * P0 * np.eye(n)
+    B[n + 1, n + 1] = t0
+    # div (2 eta D') = -eta (k k + |k|^2) v
+    C[:n, :n] = -answer(*base)[0] * (np.outer(k, k) + k @ k * np.eye(n))
+    C[:n] += np.outer(2.0j * D0 @ k, viscosity)
+    C[:n, n] -= 1j * k
+    C[n, :n] = 1j * k
+    C[n + 1] = -source
+    C[n + 1, n + 1] -= A**2 * (k @ k)
+    # Shift and invert: the two infinite eigenvalues become zeros.
+    shift = 1.0 / t0
+    inverse = np.linalg.eigvals(np.linalg.solve(C - shift * B, B))
+    values = shift + 1.0 / inverse[np.argsort(-np.abs(inverse))[:n]]
+    return values[np.argsort(-values.real)]
+
+
+def primitive(law, I0, t0):
+    """The coefficients and the rate eta0/(A^2 d^2 phi rho_s) in gdot0."""
+    rate = float(waves.viscous_rate(law.stress_ratio(np.asarray(I0))[0], 0.48, 0.6, I0))
+    return Coefficients.of(law, "ngf_primitive", I0, t0 * rate), rate
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("name", LAWS)
+def test_primitive_growth_is_that_of_the_linearised_model(name, dimension):
+    rng = np.random.default_rng([dimension, len(name)])
+    for t0 in np.geomspace(1e-5, 1e3, 60):
+        I0 = 10.0**rng.uniform(-3, -0.7)
+        N = waves.flow_direction(random_flow(rng, dimension))
+        k = rng.standard_normal(dimension) * 10.0**rng.uniform(-2, 0)
+        coefficients, rate = primitive(LAWS[name], I0, t0)
+        found = waves.growth_rates(k, N, coefficients) * rate
+        expected = discrete_growth(k / 0.48, N, LAWS[name], I0, t0)
+        assert found.shape == (dimension,)
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7 / t0)
+
+
+def test_quick_relaxation_recovers_ngf():
+    k = np.random.default_rng(1).uniform(-0.3, 0.3, (200, 2))
+    for law in LAWS.values():
+        steady = waves.growth_rates(k, PURE, Coefficients.of(law, "ngf", 1e-3))[:, 0]
+        errors = []
+        for t0 in (1e-10, 1e-11):
+            coefficients, rate = primitive(law, 1e-3, t0)
+            found = waves.growth_rates(k, PURE, coefficients)
+            errors.append(np.abs(found[:, 0] - steady).max() / np.abs(steady).max())
+            assert (found[:, 1] * rate < -0.1 / t0).all()  # the fluidity itself decays at once
+        assert errors[0] < 2e-3 and errors[1] == pytest.approx(errors[0] / 10.0, rel=0.02)
+
+
+def test_slow_relaxation_freezes_the_fluidity():
+    k = np.random.default_rng(1).uniform(0.02, 0.3, (200, 2))
+    law, square = LAWS["bingham"], (k * k).sum(-1)
+    coefficients, rate = primitive(law, 1e-3, 1e6)
+    found = waves.growth_rates(k, PURE, coefficients)
+    np.testing.assert_allclose(found[:, 1], -square, rtol=1e-3)  # a Newtonian fluid
+    # t0 lambda of a fluidity that drags momentum along without inertia
+    m = (k * (k @ PURE)).sum(-1) / square
+    mu, nu, S = coefficients.mu, coefficients.nu, coefficients.spread
+    limit = (2.0 * (1.0 - nu) * (0.5 - m**2) - mu * nu * m / np.sqrt(2.0)) / (
+        1.0 - np.sqrt(2.0) * mu * m) - 1.0
+    np.testing.assert_allclose(found[:, 0] * rate * 1e6, limit / S - square, rtol=1e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("t0", [1e-6, 1e-3, 0.1, 10.0])
+@pytest.mark.parametrize("name", LAWS)
+def test_relaxation_slows_growth_and_moves_no_neutral_wave(name, t0):
+    k = np.random.default_rng(2).uniform(-0.2, 0.2, (2000, 2))
+    coefficients, _ = primitive(LAWS[name], 1e-3, t0)
+    steady = Coefficients.of(LAWS[name], "ngf", 1e-3)
+    found, expected = (waves.growth_rates(k, PURE, c)[:, 0] for c in (coefficients, steady))
+    assert np.isrealobj(waves.growth_rates(k, PURE, coefficients))
+    assert ((found > 0.0) == (expected > 0.0)).all() and (found > 0.0).any()
+    assert (found < expected)[found > 0.0].all()
+    assert waves.cutoff(coefficients) == waves.cutoff(steady)
+    assert waves.unstable_directions(coefficients) == waves.unstable_directions(steady)
+
+
+@pytest.mark.parametrize("I0", [1e-4, 1e-3, 0.01])
+@pytest.mark.parametrize("name", LAWS)
+def test_fastest_primitive_wave_is_the_maximum_over_wave_vectors(name, I0):
+    angle = np.radians(np.linspace(0.0, 90.0, 1801))
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    for t0 in (1e-12, 1e-4, 0.1, 1e4):
+        coefficients, _ = primitive(LAWS[name], I0, t0)
+        size, rate, m = (float(part) for part in waves.fastest(coefficients))
+        best = size * waves.directions(m, PURE)
+        np.testing.assert_allclose(waves.growth_rates(best, PURE, coefficients)[:, 0], rate,
+                                   rtol=1e-9)
+        k_cut = float(waves.cutoff(coefficients))
+        sizes = np.concatenate([np.geomspace(1e-5, 1.0, 100) * k_cut,
+                                size * np.linspace(0.98, 1.02, 21)])
+        others = waves.growth_rates(sizes[:, None, None] * direction, PURE, coefficients)[..., 0]
+        assert rate * (1.0 - 1e-4) < others.max() <= rate * (1.0 + 1e-9)
+        for e in (0.999, 1.001):
+            assert waves.growth_rates(e * best, PURE, coefficients).max() < rate
+    steady = waves.fastest(Coefficients.of(LAWS[name], "ngf", I0))
+    np.testing.assert_allclose(waves.fastest(primitive(LAWS[name], I0, 1e-14)[0]), steady,
+                               rtol=1e-3)
+    # Inertial numbers and relaxation times broadcast against each other.
+    many = Coefficients.of(LAWS[name], "ngf_primitive", np.array([[I0], [0.1]]),
+                           np.array([1e2, coefficients.relaxation, 1e8]))
+    rates = waves.fastest(many)[1]
+    assert rates.shape == (2, 3) and np.isnan(rates[1]).all()
+    assert rates[0, 1] == pytest.approx(rate, rel=1e-9)
+
+
+def test_command_answers_for_the_primitive_form(capsys):
+    words = ["-pgran_model", "ngf_primitive", "-pgran_relaxation_time", "0.1", "-json"]
+    k, answers = np.array([0.05, 0.05]), []
+    for more in (["-wave_vector", "0.05,0.05"], ["-cutoff"], ["-cutoff"]):
+        assert stability.main([*(words if len(answers) < 2 else ["-json"]), *more]) == 0
+        answers.append(json.loads(capsys.readouterr().out))
+    wave, found, steady = answers
+    expected = discrete_growth(k / 0.48, PURE, LAWS["bingham"], 1e-3, 0.1)[0].real
+    assert wave["growth_rate_gdot0"] == pytest.approx(expected, rel=1e-7)
+    assert wave["relaxation_time"] == 0.1
+    assert all(found[key] == steady[key] for key in
+               ("k_cut", "unstable_angles", "critical_inertial_numbers"))
+    assert found["fastest_growth_rate_gdot0"] == pytest.approx(0.138652, rel=1e-5)
+    assert steady["fastest_growth_rate_gdot0"] == pytest.approx(355.374, rel=1e-5)
+
+
+def test_the_relaxation_time_belongs_to_the_primitive_form():
+    with pytest.raises(ValueError, match="the model ngf has none"):
+        Coefficients.of(LAWS["jop"], "ngf", 1e-3, 1.0)
+    with pytest.raises(ValueError, match="the model ngf_primitive needs one"):
+        Coefficients.of(LAWS["jop"], "ngf_primitive", 1e-3)
+    with pytest.raises(ValueError, match="allowed is a number > 0"):
+        Coefficients.of(LAWS["jop"], "ngf_primitive", 1e-3, 0.0)
+    p = parameters(model="ngf_primitive", relaxation_time=0.2, law="jop")
+    assert Coefficients.of_run(p).relaxation == primitive(LAWS["jop"], 1e-3, 0.2)[0].relaxation

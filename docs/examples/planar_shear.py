@@ -1,6 +1,6 @@
 """Planar shear between two rough plates, as a case of one's own.
 
-    mpiexec -n 2 python -m pgran -options_file options/planar_shear.opts
+    mpiexec -n 2 python -m pgran -options_file options/own_case.opts
 
 The bottom plate rests. The top plate moves along x1 with the speed V = gdot0 H and presses with the
 pressure P_w. Along x1 the flow is periodic. Lengths are in d, stresses in P_w and times in 1/gdot0.

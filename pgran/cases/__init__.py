@@ -24,6 +24,8 @@ TIME = (
     Option("snapshots", "floats", None, "1/gdot0", "times at which the fields are written, each "
            "reached exactly; times beyond the end are left out, and the end is always written",
            low=0.0, open_low=True, changeable=True),
+    Option("rest_speed", "float", 1e-6, "d gdot0", "the run also ends when the largest velocity "
+           "has been above this and falls below it; 0 leaves this out", low=0.0, changeable=True),
 )
 
 
@@ -59,9 +61,12 @@ class Case(ABC):
     periodic : tuple of bool
         Whether the grid closes on itself along i and along j.
     moving : bool
-        Whether the mesh moves with the material. On a fixed mesh stress turns with the material,
-        but stress and momentum are not carried with the flow: that is exact for flows along which
-        nothing changes.
+        Whether the mesh moves with the material. On a fixed mesh stress turns with the material
+        and is carried with it, and inertia contains the convective acceleration (v.grad)v.
+    walls_of_local_fluidity : tuple of str
+        Sides where g = g_loc takes the place of the fluidity equation. Their ends must be periodic.
+    rests : str or None
+        Why nothing flows in this case, in words, where that is known beforehand.
     base_gradient : ndarray, (2, 2)
         A velocity gradient that is added to that of the nodal velocity, gdot0.
     stress_unit : str
@@ -81,6 +86,8 @@ class Case(ABC):
     base_gradient = np.zeros((2, 2))
     stress_unit = "stress"
     fluidity_source = None
+    walls_of_local_fluidity = ()
+    rests = None
     observables = ()
     counted_by = "time"
 
@@ -283,8 +290,9 @@ class Case(ABC):
     def observe(self, flow):
         """Return the `observables` of an accepted step, {name: number}. Collective.
 
-        ``flow`` has ``time``, ``reaction(side)``, the force (2,) on a side in stress times d, and
-        ``extent(side)``, the lengths (2,) of a side along x1 and x2 in d.
+        ``flow`` is a `pgran.solve.driver.Flow`. It has ``time``, ``reaction(side)``, the force (2,)
+        on a side, ``torque(side)``, ``extent(side)``, the lengths (2,) of a side along x1 and x2,
+        and ``mean_velocity(side)``, (2,).
         """
         return {}
 

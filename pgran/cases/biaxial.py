@@ -11,6 +11,7 @@ specimen.
 import numpy as np
 
 from ..options import BOTH, Option, ParameterError, positive
+from ..theory import specimen
 from . import PureShear, pressure, reached
 
 _RESTART = ("restart",)
@@ -72,7 +73,7 @@ class Biaxial(PureShear):
     def specimen(self):
         """Law, shape and density of the specimen, if the plates let it slip."""
         p, material = self.parameters, self.material
-        if not p.plates_slip or material.model.theory is None:
+        if not p.plates_slip or material.model.theory not in specimen.MODELS:
             return None
         return {"law": self.law, "model": material.model.theory,
                 "inertial_number": p.inertial_number, "width": p.width, "height": p.height,

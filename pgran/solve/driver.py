@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from ..options import Interrupted, OptionError, ParameterError, SolutionError
 from ..space import multigrid
-from ..space.element import NODES, Geometry, least_determinant
+from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
 from .balance import Balance
 from .controller import StepController
@@ -30,13 +30,34 @@ class Flow:
         1/gdot0.
     """
 
-    def __init__(self, form, time, forces, x):
-        self.form, self.time, self._forces, self._x = form, time, forces, x
+    def __init__(self, form, time, local, forces, x):
+        self.form, self.time, self._local, self._forces, self._x = form, time, local, forces, x
         self._comm = form.grid.comm.tompi4py()
 
     def reaction(self, side):
         """Return the force (2,) on a side of the material, stress times d. Collective."""
         return self._comm.allreduce(self.form.reaction(self._forces, side))
+
+    def torque(self, side):
+        """Return the torque about the origin on a side, stress times d^2. Collective."""
+        grid = self.form.grid
+        nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
+        x, force = self._x[:, nodes], grid.split(self._forces)[0][:, nodes]
+        return float(self._comm.allreduce((x[0] * force[1] - x[1] * force[0]).sum()))
+
+    def mean_velocity(self, side=None):
+        """Return the mean velocity (2,) of the nodes of a side, or of all, d gdot0. Collective.
+
+        The mean over all is that over the volume.
+        """
+        grid, (velocity, _, _) = self.form.grid, self.form.grid.split(self._local)
+        if side:
+            nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
+            sums = np.array([*velocity[:, nodes].sum(axis=1), nodes.size])
+        else:
+            sums = self.form.integrals(velocity, Geometry(self._x[:, grid.element_nodes]))
+        sums = self._comm.allreduce(sums)
+        return sums[:DIM] / sums[DIM]
 
     def extent(self, side):
         """Return the lengths (2,) of a side along x1 and x2, d. Collective."""
@@ -77,6 +98,8 @@ class Driver:
     controller : pgran.solve.controller.StepController
     rejected : int
         How many steps were repeated because they departed too far.
+    at_rest : bool
+        Whether the flow has come to rest, which ends the run.
     """
 
     def __init__(self, form, state, observer, steady=False, targets=None, behind=None,
@@ -97,7 +120,9 @@ class Driver:
                 f"loading, is {self._first_step:.3g}, which is smaller; allowed is less than it, a "
                 f"smaller @shear_modulus than {parameters.shear_modulus:g}, or a @step_first")
         self._dt = self._step = self._committed = self._tried = None
+        self._last = self._first_step
         self._attempts, self._starting, self._failure = 0, False, None
+        self.at_rest, self._moving = False, bool(self._behind)  # a run that goes on has moved
         self._time = self._behind.get("ts_time", 0.0 if steady else state.time)
         self.balance = None if steady else self._balance()
         self.ts = self._create_ts()
@@ -175,7 +200,9 @@ class Driver:
             raise SolutionError(f"no step down to {least} converges {now}: {why}. What may help: "
                                 f"{cure}")
         self._attempts += 1
-        self._dt, self._step = dt, TimeStep(self.form, self.state, dt, self.steady)
+        # Between steps of pseudo-time TS asks for residuals: those of the last step's elasticity.
+        whole = dt or (self._last if self.steady else 0.0)
+        self._dt, self._step = dt, TimeStep(self.form, self.state, whole, self.steady)
         return self._step
 
     def _increment(self, ts, time):
@@ -244,10 +271,15 @@ class Driver:
                 f"{self.steady_residual():.3e} {self.case.stress_unit} d")
 
     def steady_residual(self):
-        """Return the norm of the rigid-viscous residual (2.9)-(2.11) of the present state."""
+        """Return the norm of the residual (2.9)-(2.11) of the present state without rates.
+
+        The elastic element keeps the stress of the state and bears what deforms within
+        ``steady_time``. So the stress of material at rest has its place, and what creeps counts.
+        """
         with np.errstate(invalid="ignore", divide="ignore"):
+            step = TimeStep(self.form, self.state, self.parameters.steady_time, still=True)
             rows = self.form.residual(self.state.local, np.zeros(self.grid.n_local),
-                                      self.time_step(0.0).increment)
+                                      step.increment)
         return float(np.sqrt(self.comm.allreduce(rows @ rows)))
 
     def _predict(self, snes, u):
@@ -281,15 +313,28 @@ class Driver:
             self._check_mesh(end)
         self.state, self._failure = end, None
         self._committed = local, (local - state.local) / dt, step.increment
-        self._time, self._dt, self._attempts = ts.getTime(), None, 0
+        self._time, self._dt, self._last, self._attempts = ts.getTime(), None, dt, 0
         target = self.controller.land(self.state.time)
         if target is not None:
             self.state.time = target
         if not self.steady:
             ts.setTimeStep(self.controller.next(self.state.time, dt, departure))
+            if self._comes_to_rest(local):
+                self.at_rest = True
+                self.controller.targets.clear()
             if self.controller.finished:
                 ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
-        self.observer(self, target is not None, self._report(dt))
+        self.observer(self, target is not None or self.at_rest, self._report(dt))
+
+    def _comes_to_rest(self, local):
+        """Return whether the flow was faster than ``rest_speed`` and is no more. Collective."""
+        limit = getattr(self.parameters, "rest_speed", 0.0)
+        if not limit:
+            return False
+        speed = velocity(self.form, local, self.state.x)[:, self.grid.nodes.owned]
+        fast = self.comm.allreduce(np.abs(speed).max(initial=0.0), MPI.MAX) > limit
+        stops, self._moving = self._moving and not fast, fast
+        return stops
 
     def _check_mesh(self, state):
         """Refuse a state whose mesh is turned inside out, or leaves its domain. Collective."""
@@ -322,7 +367,7 @@ class Driver:
             "linear_iterations": snes.getLinearSolveIterations(),
             "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),
             "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX),
-            **self.case.observe(Flow(self.form, self.state.time, forces, increment.x))}
+            **self.case.observe(Flow(self.form, self.state.time, local, forces, increment.x))}
         if self.balance:
             self.balance.add(dt, *self.form.power(local, forces, increment))
             report.update(self.balance.report(*self.form.stored(

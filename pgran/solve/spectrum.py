@@ -25,33 +25,25 @@ LARGEST_RESIDUAL = 1e-6
 def theory(parameters, k):
     """Return the largest analytic growth rates (...), gdot0, of wave vectors ``k`` (..., 2), A d k.
 
-    lambda = (mu_loc/(A^2 phi I0^2)) times the dimensionless rate (3.22). Raises ValueError where
-    the model has no theory.
+    lambda = (mu_loc/(A^2 phi I0^2)) times the dimensionless rate (3.22), or that of the primitive
+    form of NGF. Raises ValueError where the model has no theory.
     """
-    coefficients = _coefficients(parameters)
+    coefficients = waves.Coefficients.of_run(parameters)
     rate = waves.viscous_rate(coefficients.mu, parameters.A, parameters.phi,
                               parameters.inertial_number)
     return rate * waves.growth_rates(k, waves.PURE_SHEAR, coefficients)[..., 0]
 
 
 def fastest(parameters):
-    """Return the fastest-growing wave vector (2,), A d k, in closed form.
+    """Return the fastest-growing wave vector (2,), A d k, of the theory.
 
     Raises ValueError where there is none: all are stable, or growth has no bound.
     """
-    size, _, m = waves.fastest(_coefficients(parameters))
+    size, _, m = waves.fastest(waves.Coefficients.of_run(parameters))
     if not np.isfinite(size):
         raise ValueError("a wave vector has to be given where no fastest one exists")
     angle = np.radians(waves.direction_angle(m, waves.PURE_SHEAR))
     return float(size) * np.array([np.cos(angle), np.sin(angle)])
-
-
-def _coefficients(parameters):
-    model = parameters.part("model").theory
-    if model is None:
-        raise ValueError(f"the model {parameters.model} has no linear theory")
-    return waves.Coefficients.of(parameters.part("law").of(parameters), model,
-                                 parameters.inertial_number)
 
 
 def targets(parameters, k):

@@ -2,9 +2,9 @@
 
 A step predicts the mesh at its end to second order (Adams-Bashforth), turns the last two stresses
 with the material, and asks for the solution there with the stress rate of BDF2. After acceptance
-the mesh moves by the trapezoidal rule, and the new stress is kept. On a fixed mesh nothing moves,
-but the stress turns. In pseudo-time nothing turns either, so that the steady state is that of
-rigid-viscous flow.
+the mesh moves by the trapezoidal rule, and the new stress is kept. On a fixed mesh the flow carries
+and turns the stress instead. In pseudo-time nothing turns either, so that the steady state is that
+of rigid-viscous flow.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ class State:
     dt : float or None
         Size of the step that led here; None at the start.
     earlier : ndarray, (3, points, n), or None
-        The stress that this step started from, turned with the material.
+        The stress that this step started from, turned and carried with the material.
     rate : ndarray, (n_local,)
         Difference quotient of the unknowns over this step; zero at the start.
     """
@@ -87,12 +87,12 @@ class State:
         return cls(float(values["time"]), x, local, stress, None if dt is None else float(dt),
                    earlier, rate)
 
-    def past(self, dt, angle):
-        """Return f and S of `stress_rate` for a step ``dt`` that turns by ``angle`` (points, n)."""
-        stress = rotated(self.stress, angle)
+    def past(self, dt, moved):
+        """Return f and S of `stress_rate` for a step ``dt``; ``moved`` is `TimeStep.moved`."""
+        stress = moved(self.stress)
         if self.dt is None:
             return stress_rate(dt, stress)
-        return stress_rate(dt, stress, self.dt, rotated(self.earlier, angle))
+        return stress_rate(dt, stress, self.dt, moved(self.earlier))
 
 
 def _period(grid, x):
@@ -128,9 +128,15 @@ def _initial_mesh(form):
 
 
 def rest(form):
-    """Return the `State` at rest before loading: no stress deviator, no fluidity."""
-    x = _initial_mesh(form)
-    return State(0.0, x, _unknowns(form, form.case.start, x), form.no_stress())
+    """Return the `State` at rest before loading: no stress deviator, and the model's fluidity."""
+    case, x = form.case, _initial_mesh(form)
+
+    def start(points):
+        velocity, fluidity, pressure = case.start(points)
+        share = case.material.model.start_fluidity
+        return velocity, fluidity + share * case.reference(points)[1], pressure
+
+    return State(0.0, x, _unknowns(form, start, x), form.no_stress())
 
 
 def reference(form):
@@ -166,17 +172,29 @@ def steady_start(form):
     ParameterError
         If the snapshot does not fit.
     """
-    grid, parameters = form.grid, form.case.parameters
-    if not parameters.restart:
+    if not form.case.parameters.restart:
         return reference(form)
-    if any(grid.periodic):
-        raise ParameterError("restart", parameters.restart,
-                             f"not for @case {parameters.case}, whose grid is periodic")
+    return snapshot_start(form)
+
+
+def snapshot_start(form):
+    """Return the `State` of the snapshot that a restart names. Collective.
+
+    Raises
+    ------
+    ParameterError
+        If the snapshot does not fit.
+    """
+    grid, parameters = form.grid, form.case.parameters
+    if any(grid.periodic) and form.case.moving:
+        raise ParameterError("restart", parameters.restart, f"not for @case {parameters.case}, "
+                             "whose grid is periodic and moves")
     attributes, fields = read_snapshot(parameters, form)
+    x = fields["coordinates"] if form.case.moving else _initial_mesh(form)
     pressure = fields["pressure"][grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)]
     local = grid.join(fields["velocity"], fields["fluidity"], pressure)
     stress = SHAPE @ fields["deviator"][:, grid.element_nodes]
-    return State(float(attributes["time"]), fields["coordinates"], local, stress)
+    return State(float(attributes["time"]), x, local, stress)
 
 
 def checkpoint_start(form):
@@ -216,7 +234,7 @@ def velocity(form, local, x):
 
 
 class TimeStep:
-    """One implicit time step from a state.
+    """One implicit time step from a state. Making it is collective.
 
     Parameters
     ----------
@@ -231,22 +249,29 @@ class TimeStep:
     ----------
     increment : pgran.space.weakform.Increment
         What is fixed while the step is solved.
-    angle : ndarray, (points, n), or 0.0
-        The angle by which the step turns stress, rad.
     """
 
     def __init__(self, form, state, dt, still=False):
         self.form, self.state, self.dt, self.still = form, state, dt, still or dt == 0.0
-        x, stress, end, factor, self.angle = state.x, state.stress, state.time, 1.0, 0.0
+        x, stress, end, factor = state.x, state.stress, state.time, 1.0
         if not self.still:
-            middle = velocity(form, state.local + 0.5 * dt * state.rate, state.x)
+            self._middle = velocity(form, state.local + 0.5 * dt * state.rate, state.x)
             if form.case.moving:
-                x = state.x + dt * middle
-            self.angle = dt * form.spin(middle, 0.5 * (state.x + x))
-            factor, stress = state.past(dt, self.angle)
+                x = state.x + dt * self._middle
+            self._angle = dt * form.spin(self._middle, 0.5 * (state.x + x))
+            factor, stress = state.past(dt, self.moved)
             end = state.time + dt
         theta = factor * form.material.elastic_compliance(dt)
         self.increment = form.increment(x, stress, theta, end, rate_from=state.time)
+
+    def moved(self, stress):
+        """Return a stress deviator (3, points, n) turned, and on a fixed mesh carried, by the step.
+
+        Collective.
+        """
+        if not self.form.case.moving:
+            stress = self.form.carried(stress, self._middle, self.dt, self.state.x)
+        return rotated(stress, self._angle)
 
     def mesh_at_end(self, local):
         """Return the mesh (2, n_nodes) at the end of the step, by the trapezoidal rule."""
@@ -262,7 +287,7 @@ class TimeStep:
         if self.still:
             return State(state.time, state.x, local, stress)
         return State(state.time + self.dt, self.mesh_at_end(local), local, stress, self.dt,
-                     rotated(state.stress, self.angle), (local - state.local) / self.dt)
+                     self.moved(state.stress), (local - state.local) / self.dt)
 
     def departure(self, local, stress, resolution):
         """Return how far the solution departs from the extrapolation of the last two states.

@@ -6,6 +6,8 @@ at Gauss points are arrays (`POINTS`, n): point first, element last, so that pro
 with the constant tables below are single matrix products over all elements.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 #: Dimensions of space.
@@ -62,8 +64,43 @@ GAUSS_TO_NODES = np.linalg.inv(SHAPE)
 SIDE_SHAPE, SIDE_SLOPE = _N, _DN
 
 
+class Rule(NamedTuple):
+    """Points of an element, and the tables of the shape functions there.
+
+    ``shape`` (points, nodes) and ``slope`` (directions, points, nodes) are those of the Q2
+    functions, ``corner_shape`` (points, corners) those of the Q1 functions, ``from_gauss``
+    (points, points of the volume) takes a field at the Gauss points of the volume to these points,
+    and ``weights`` (points,) are those of the quadrature.
+    """
+
+    shape: np.ndarray
+    slope: np.ndarray
+    corner_shape: np.ndarray
+    from_gauss: np.ndarray
+    weights: np.ndarray
+
+
+#: The Gauss points of the volume.
+VOLUME = Rule(SHAPE, SHAPE_SLOPE, CORNER_SHAPE, np.eye(POINTS), WEIGHTS)
+
+
+def _side(axis, end):
+    """The `Rule` of the Gauss points of the side where reference direction ``axis`` is ``end``."""
+    points = [GAUSS_1D, GAUSS_1D]
+    points[axis] = np.array([end])
+    (first, first_slope), (second, second_slope) = map(quadratic, points)
+    shape = _tensor(second, first)
+    return Rule(shape, np.array([_tensor(second, first_slope), _tensor(second_slope, first)]),
+                _tensor(linear(points[1]), linear(points[0])), shape @ GAUSS_TO_NODES, WEIGHTS_1D)
+
+
+#: The Gauss points of each side.
+SIDES = {"bottom": _side(1, -1.0), "top": _side(1, 1.0),
+         "left": _side(0, -1.0), "right": _side(0, 1.0)}
+
+
 class Geometry:
-    """The map of quadrilaterals with quadratic sides, at their Gauss points.
+    """The map of quadrilaterals with quadratic sides, at the points of a rule.
 
     Where an element is turned inside out the attributes are not numbers, which a solver
     sees as a failed evaluation.
@@ -72,6 +109,8 @@ class Geometry:
     ----------
     x : ndarray, (2, nodes, n)
         Coordinates of the nodes of n elements, d.
+    rule : Rule
+        The Gauss points of the volume unless given.
 
     Attributes
     ----------
@@ -81,24 +120,26 @@ class Geometry:
         Gauss weight times the determinant of the map, d^2.
     """
 
-    def __init__(self, x):
+    def __init__(self, x, rule=VOLUME):
+        self.rule = rule
         (x_1, x_2), (y_1, y_2) = (
-            [SHAPE_SLOPE[r] @ x[i] for r in range(2)] for i in range(2))
+            [rule.slope[r] @ x[i] for r in range(2)] for i in range(2))
         det = x_1 * y_2 - x_2 * y_1
         det[~(det > 0.0)] = np.nan
         self.inverse = np.array([[y_2, -y_1], [-x_2, x_1]]) / det
-        self.weight = WEIGHTS[:, None] * det
+        self.weight = rule.weights[:, None] * det
 
     def __getitem__(self, batch):
         """Return the geometry of a slice of the elements."""
         part = Geometry.__new__(Geometry)
+        part.rule = self.rule
         part.inverse, part.weight = self.inverse[..., batch], self.weight[:, batch]
         return part
 
     def gradient(self, nodal):
         """Return the gradient (2, points, n) of a Q2 field ``nodal`` (nodes, n)."""
-        slope = SHAPE_SLOPE.reshape(DIM * POINTS, NODES) @ nodal
-        slope = slope.reshape(DIM, POINTS, -1)
+        slope = self.rule.slope.reshape(-1, NODES) @ nodal
+        slope = slope.reshape(DIM, len(self.rule.shape), -1)
         return self.inverse[:, 0] * slope[0] + self.inverse[:, 1] * slope[1]
 
     def pull_back(self, flux):

@@ -220,6 +220,18 @@ class Grid:
         """Return the entry of largest size among the ``values`` (n,) of all ranks. Collective."""
         return max(self.comm.tompi4py().allgather(values[np.argmax(np.abs(values))]), key=abs)
 
+    def with_ghosts(self, values):
+        """Return nodal values (k, n_nodes) with the ghosts that their owners have. Collective.
+
+        k is at most `DIM`.
+        """
+        local, vector = np.zeros(self.n_local), self.create_vector()
+        self.split(local)[0][:len(values)] = values
+        self.from_local(local, vector)
+        found = self.split(self.to_local(vector))[0][:len(values)].copy()
+        vector.destroy()
+        return found
+
     def sum_at_nodes(self, values):
         """Return the sums (n_nodes,) over elements of ``values`` (nodes, n) at their nodes.
 

@@ -2,10 +2,11 @@
 
 For all test functions (w, h, q), with sigma = -P 1 + sigma'::
 
-    phi rho_s (w, dv/dt) + (grad w, sigma) = <w, t> + (w, b)                 (2.2)
+    phi rho_s (w, Dv/Dt) + (grad w, sigma) = <w, t> + (w, b)                 (2.2)
     tau (h, dg/dt) + A^2 d^2 (grad h, grad g) + (h, F) = 0                    (2.5), over xi^2
     -(q, div v) = 0                                                          (2.9)
 
+Dv/Dt is dv/dt at nodes that move with the material, and dv/dt + (v.grad) v on a fixed mesh.
 sigma', F, tau and A^2 d^2 come from the model (`pgran.material.models`), the tractions t and the
 body force b from the case. The elements are worked on in batches that stay in the cache. Within
 one, arrays are (Gauss points, n elements).
@@ -116,17 +117,32 @@ class WeakForm:
         density = self.material.bulk_density if case.parameters.inertia else 0.0
         self.storage = {"velocity": density, "fluidity": 0.0, **model.storage}
         n = grid.n_elements
+        self.convective = bool(density) and not case.moving
         self.batches = [slice(k, min(k + BATCH, n)) for k in range(0, n, BATCH)]
-        self.laws = self._element_laws()
+        self._yield_factor = case.yield_factor(grid.element_i, grid.element_j)
+        self._weak = grid.comm.tompi4py().allreduce(
+            bool((self._yield_factor != 1.0).any()), MPI.LOR)
+        self.laws = [self._law_of(batch) for batch in self.batches]
+        self._walls = [self._walls_of(batch) for batch in self.batches]
         self.held = ~np.isnan(self.prescribed(0.0))
         self._lay_out_matrices()
 
-    def _element_laws(self):
-        """The law with the yield value of each element, one for each batch."""
-        grid, law = self.grid, self.material.law
-        factor = self.case.yield_factor(grid.element_i, grid.element_j)
-        weak = grid.comm.tompi4py().allreduce(bool((factor != 1.0).any()), MPI.LOR)
-        return [law.weakened(factor[batch]) if weak else law for batch in self.batches]
+    def _law_of(self, elements):
+        """The law with the yield values of a slice of the local elements, or of their numbers."""
+        law = self.material.law
+        return law.weakened(self._yield_factor[elements]) if self._weak else law
+
+    def _walls_of(self, batch):
+        """The walls with g = g_loc in a batch: (side, places (m,) of elements, their law)."""
+        if not self.grid.has_fluidity:
+            return []
+        walls = []
+        for side in self.case.walls_of_local_fluidity:
+            elements = self.grid.side_elements(side)
+            here = elements[(batch.start <= elements) & (elements < batch.stop)] - batch.start
+            if here.size:
+                walls.append((side, here, self._law_of(batch.start + here)))
+        return walls
 
     def increment(self, x, stress, theta, time, rate_from=None):
         """Return the `Increment` that ends at a time.
@@ -163,8 +179,7 @@ class WeakForm:
 
     def points(self, local, increment, number):
         """Return kinematics and response at the Gauss points of a batch, `BatchPoints`."""
-        nodal = local[self.grid.element_unknowns[:, self.batches[number]]]
-        return BatchPoints(self, nodal, increment, number)
+        return BatchPoints(self, local, increment, number)
 
     def _collect(self, local, increment, quantity):
         """Return ``quantity(points)`` of all elements, (..., points, n)."""
@@ -195,6 +210,27 @@ class WeakForm:
         geometry = element.Geometry(x[:, nodes])
         return (geometry.gradient(velocity[1][nodes])[0]
                 - geometry.gradient(velocity[0][nodes])[1]) / 2.0
+
+    def carried(self, stress, velocity, dt, x):
+        """Return a stress deviator (3, points, n) that a flow has carried for a time. Collective.
+
+        ``velocity`` (2, n_nodes) in d gdot0, ``dt`` in 1/gdot0, nodes ``x`` (2, n_nodes) in d. The
+        change is that of the continuous field s through the nodal means,
+        -dt v.grad s + (dt^2/2) v.grad(v.grad s).
+        """
+        nodes = self.grid.element_nodes
+        geometry = element.Geometry(x[:, nodes])
+        speed = [element.SHAPE @ part[nodes] for part in velocity]
+
+        def along(values):
+            nodal = np.concatenate([self.grid.with_ghosts(np.array(
+                [self.at_nodes(part) for part in values[k:k + DIM]]))
+                for k in range(0, len(values), DIM)])
+            return np.array([sum(v * slope for v, slope in zip(
+                speed, geometry.gradient(part[nodes]))) for part in nodal])
+
+        first = along(stress)
+        return stress - dt * first + 0.5 * dt**2 * along(first)
 
     def at_nodes(self, values):
         """Return nodal values (n_nodes,) of a field at the Gauss points, (points, n).
@@ -286,6 +322,15 @@ class WeakForm:
         sums = self._over_elements(geometry.weight * np.array([energy, np.ones_like(energy)]))
         return self.grid.comm.tompi4py().allreduce(sums)
 
+    def integrals(self, nodal, geometry):
+        """Return the integrals of Q2 fields (k, n_nodes) and of one over the elements of this rank.
+
+        (k + 1,), times d^2 per unit depth.
+        """
+        values = element.SHAPE @ np.array([*nodal, np.ones(nodal.shape[1])])[
+            :, self.grid.element_nodes]
+        return self._over_elements(geometry.weight * values)
+
     def _over_elements(self, values):
         """Sums (k,) of values (k, points, n) over the elements that this rank owns."""
         return values[..., self.grid.elements.owned].sum(axis=(1, 2))
@@ -350,6 +395,9 @@ class WeakForm:
                 out[rows] -= element.SHAPE.T @ bodies[i]
             if self.storage["velocity"]:
                 store(rows, self.storage["velocity"])
+            if self.convective:
+                out[rows] += element.SHAPE.T @ (self.storage["velocity"] * weight * sum(
+                    v * slope for v, slope in zip(p.velocity, p.gradients[i])))
         if self.grid.has_fluidity:
             flux = self.material.model.diffusion * p.geometry.gradient(p.nodal_g)
             source = p.response.source.value
@@ -359,6 +407,10 @@ class WeakForm:
                                 + element.SHAPE.T @ (weight * source))
             if self.storage["fluidity"]:
                 store(blocks["g"], self.storage["fluidity"])
+            for side, here, law in self._walls[number]:
+                wall = WallPoints(self, p, side, here, law)
+                out[(blocks["g"].start + wall.nodes)[:, None], here] = (
+                    wall.tests.T @ (wall.weight * wall.lag.value))
         out[blocks["P"]] = -element.CORNER_SHAPE.T @ (weight * p.divergence)
 
     # Jacobian
@@ -440,6 +492,10 @@ class WeakForm:
         metric = np.einsum("krqe,ksqe->rsqe", inverse, inverse)
         tangent = weight * viscosity.rate * p.gdot if np.ndim(viscosity.rate) else None
         inertia = mass("velocity")
+        if self.convective:  # (w, (v.grad) dv)
+            carrying = np.einsum("kqe,ksqe->sqe", p.velocity, inverse) * weight
+            carrying = element.VALUE_SLOPE @ (self.storage["velocity"] * carrying).reshape(-1, n)
+            inertia = carrying if inertia is None else inertia + carrying
         for i, row in enumerate(self.grid.velocities):
             for j, column in enumerate(self.grid.velocities):
                 factors = viscous * (inverse[j][:, None] * inverse[i][None, :])
@@ -450,6 +506,9 @@ class WeakForm:
                 put(row, column, element.SLOPE_SLOPE, factors)
                 if i == j and inertia is not None:
                     out[rows[row, column]] += inertia
+                if self.convective:  # (w, (dv.grad) v)
+                    out[rows[row, column]] += element.VALUE_VALUE @ (
+                        self.storage["velocity"] * weight * p.gradients[i][j])
             along = weight * p.gdot * turned[i]
             put(row, "P", element.SLOPE_CORNER, viscosity.pressure * along - weight * inverse[i])
             put("P", row, element.CORNER_SLOPE, -weight * inverse[i])
@@ -462,6 +521,39 @@ class WeakForm:
             if self.storage["fluidity"]:
                 out[rows["g", "g"]] += mass("fluidity")
             put("g", "P", element.VALUE_CORNER, weight * source.pressure)
+            for wall in self._walls[number]:
+                self._wall_tangents(p, *wall, out)
+
+    def _wall_tangents(self, p, side, here, law, out):
+        """Replace the rows of the fluidity of wall nodes by those of g = g_loc."""
+        wall, rule = WallPoints(self, p, side, here, law), element.SIDES[side]
+        weight, lag, viscosity = wall.weight, wall.lag, p.response.viscosity
+        turned = p.direction_pulled_back()[..., here]
+
+        def at(values):
+            return np.broadcast_to(values, p.gdot.shape)[:, here]
+
+        # mu = viscosity gdot/P at the Gauss points; what it changes reaches the wall through it.
+        P, gdot = p.P[:, here], p.gdot[:, here]
+        by_mu = np.einsum("qa,qe,qp->ape", wall.tests, weight * lag.rate, rule.from_gauss)
+        changes = {
+            "P": (at(viscosity.pressure) * gdot - p.response.stress_ratio[:, here]) / P,
+            "g": at(viscosity.fluidity) * gdot / P}
+        rate = (at(viscosity.value) + at(viscosity.rate) * gdot) / P
+        factors = {}
+        for name, volume, shape, change in (
+                ("P", element.CORNER_SHAPE, rule.corner_shape, lag.pressure),
+                ("g", element.SHAPE, rule.shape, lag.fluidity)):
+            factors[name] = (
+                np.einsum("ape,pe,pb->abe", by_mu, changes[name], volume)
+                + np.einsum("qa,qb,qe->abe", wall.tests, shape, weight * change))
+        for i, column in enumerate(self.grid.velocities):
+            factors[column] = np.einsum("ape,rpb,rpe->abe", by_mu, element.SHAPE_SLOPE,
+                                        rate * turned[i])
+        for column, values in factors.items():
+            block = self._rows["g", column]
+            place = block.start + wall.nodes[:, None] * values.shape[1] + np.arange(values.shape[1])
+            out[place[:, :, None], here] = values
 
     def pressure_mass(self, local, increment, matrix):
         """Fill ``matrix`` with -(q, P/viscosity), close to the pressure Schur complement.
@@ -486,27 +578,32 @@ class BatchPoints:
     ----------
     geometry : pgran.space.element.Geometry
     response : pgran.material.models.Response
+    gradients : list
+        gradients[i][j] = d v_i/d x_j, (points, n), base flow included.
+    nodal : ndarray, (rows, n)
+        Unknowns of the elements, block by block.
     d11, d22, d12, gdot, P, divergence : ndarray, (points, n)
         Effective strain rate D + theta S/2 and its size, pressure, and div v.
     nodal_g : ndarray, (nodes, n), or None
         Nodal fluidity.
     """
 
-    def __init__(self, form, nodal, increment, number):
+    def __init__(self, form, local, increment, number):
         grid, batch = form.grid, form.batches[number]
+        self.nodal = nodal = local[grid.element_unknowns[:, batch]]
         self.elements = nodal.shape[1]
         self.geometry = increment.geometry[batch]
         base, theta = form.case.base_gradient, increment.theta
         self._nodal_velocity = [nodal[grid.blocks[name]] for name in grid.velocities]
-        gradients = [self.geometry.gradient(part) for part in self._nodal_velocity]
-        l11, l12 = gradients[0] + np.reshape(base[0], (DIM, 1, 1))
-        l21, l22 = gradients[1] + np.reshape(base[1], (DIM, 1, 1))
+        self.gradients = [self.geometry.gradient(part) + np.reshape(row, (DIM, 1, 1))
+                          for part, row in zip(self._nodal_velocity, base)]
+        (l11, l12), (l21, l22) = self.gradients
         s11, s22, s12 = increment.stress[:, :, batch] * (theta / 2.0)
         self.divergence = l11 + l22
         self.d11, self.d22, self.d12 = l11 + s11, l22 + s22, (l12 + l21) / 2.0 + s12
         self.gdot = np.sqrt(2.0 * (self.d11**2 + self.d22**2) + 4.0 * self.d12**2)
         self.P = element.CORNER_SHAPE @ nodal[grid.blocks["P"]]
-        self._nodes, self._x = grid.element_nodes[:, batch], increment.x
+        self.nodes, self._x = grid.element_nodes[:, batch], increment.x
         self.nodal_g = nodal[grid.blocks["g"]] if grid.has_fluidity else None
         fluidity = None if self.nodal_g is None else element.SHAPE @ self.nodal_g
         self.response = form.material.model.response(
@@ -514,13 +611,18 @@ class BatchPoints:
             theta)
 
     @property
+    def nodal_x(self):
+        """Coordinates of the nodes, (2, nodes, n)."""
+        return self._x[:, self.nodes]
+
+    @property
     def x(self):
-        """Coordinates of the Gauss points, (2, points, n)."""
-        return element.SHAPE @ self._x[:, self._nodes]
+        """Coordinates of the points, (2, points, n)."""
+        return element.SHAPE @ self.nodal_x
 
     @property
     def velocity(self):
-        """Velocity at the Gauss points, base flow left out, (2, points, n)."""
+        """Velocity at the points, base flow left out, (2, points, n)."""
         return np.array([element.SHAPE @ part for part in self._nodal_velocity])
 
     def deviator(self):
@@ -534,3 +636,33 @@ class BatchPoints:
         inverse = self.geometry.inverse
         return np.array([n11 * inverse[0] + n12 * inverse[1],
                          n12 * inverse[0] + n22 * inverse[1]])
+
+
+class WallPoints:
+    """The condition g = g_loc at the Gauss points of the sides of elements on a wall.
+
+    mu comes from the Gauss points of the volume, where equilibrium holds it, by the biquadratic
+    through them: the strain rate at the wall itself would be divided by a fluidity that may vanish.
+
+    Attributes
+    ----------
+    nodes : ndarray, (3,)
+        The nodes of an element on the wall.
+    tests : ndarray, (side points, 3)
+        Their shape functions.
+    weight : ndarray, (side points, m)
+        Positive weights of the m elements.
+    lag : pgran.material.models.Quantity
+        g - g_loc, (side points, m).
+    """
+
+    def __init__(self, form, p, side, here, law):
+        rule, blocks = element.SIDES[side], form.grid.blocks
+        self.nodes = np.array(element.SIDE_NODES[side])
+        self.tests = rule.shape[:, self.nodes]
+        self.weight = element.Geometry(p.nodal_x[..., here], rule).weight
+        P = rule.corner_shape @ p.nodal[blocks["P"]][:, here]
+        self.lag = form.material.model.lag(
+            law, form.material.inverse_time(P),
+            rule.from_gauss @ p.response.stress_ratio[:, here], P,
+            rule.shape @ p.nodal_g[:, here])

@@ -28,6 +28,10 @@ BASE_FLOWS = {"pure_shear": np.array([[0.5, 0.0], [0.0, -0.5]]),
               "simple_shear": np.array([[0.0, 1.0], [0.0, 0.0]])}
 #: Inertial numbers among which critical ones are sought.
 I_RANGE = 1e-6, 1e2
+#: The models whose growth rates are known.
+MODELS = "ngf", "ngf_primitive", "li", "ig"
+#: Rounds in which `_relaxing_ridge` settles; each about doubles the digits.
+ROUNDS = 8
 
 
 @dataclass(frozen=True)
@@ -37,42 +41,69 @@ class Coefficients:
     Attributes
     ----------
     model : str
-        ngf, li or ig.
+        One of `MODELS`.
     mu, nu, spread : ndarray
         One shape, that of the inertial numbers. ``spread`` is not a number unless the model is
-        NGF. It stays finite at I0 = 0 (appendix B).
+        NGF in one of its forms. It stays finite at I0 = 0 (appendix B).
+    relaxation : ndarray or float
+        T, the time t0 of the primitive form in the units of growth rates: t0 times `viscous_rate`.
+        0 for other models.
     """
 
     model: str
     mu: np.ndarray
     nu: np.ndarray
     spread: np.ndarray
+    relaxation: object = 0.0
 
     @classmethod
-    def of(cls, law, model, I0):
+    def of(cls, law, model, I0, relaxation=None):
         """Return the coefficients of a `pgran.material.laws.Law` at inertial numbers.
 
         Parameters
         ----------
         law : pgran.material.laws.Law
         model : str
-            ngf, li or ig.
+            One of `MODELS`.
         I0 : ndarray or float
             Inertial numbers >= 0.
+        relaxation : ndarray or float, optional
+            T > 0, as among the attributes; for the primitive form, and only for it.
 
         Raises
         ------
         ValueError
-            If the model is another one, lacks a cooperativity length, or I0 is negative.
+            If the model is another one, lacks a cooperativity length, or I0 or T is out of bounds.
         """
-        if model not in ("ngf", "li", "ig"):
-            raise ValueError(f"linear theory of the model {model}: it is known for ngf, li and ig")
+        if model not in MODELS:
+            raise ValueError(f"linear theory of the model {model}: it is known for "
+                             f"{', '.join(MODELS)}")
         I0 = np.asarray(I0, dtype=float)
         if not np.all(I0 >= 0.0):
             raise ValueError(f"inertial number {I0}: allowed is a number >= 0")
+        if (model == "ngf_primitive") != (relaxation is not None):
+            raise ValueError(f"relaxation time: the model {model} "
+                             f"{'needs one' if relaxation is None else 'has none'}")
+        if relaxation is not None and not np.all(np.asarray(relaxation) > 0.0):
+            raise ValueError(f"relaxation time {relaxation}: allowed is a number > 0")
         mu, nu = laws.sensitivity(law, I0)
-        return cls(model, mu, nu, cls._spread(law, mu, nu) if model == "ngf"
-                   else np.full_like(mu, np.nan))
+        return cls(model, mu, nu, cls._spread(law, mu, nu) if model in ("ngf", "ngf_primitive")
+                   else np.full_like(mu, np.nan), 0.0 if relaxation is None else relaxation)
+
+    @classmethod
+    def of_run(cls, parameters):
+        """Return the coefficients of the reference flow of `pgran.options.Parameters`.
+
+        Raises ValueError as `of` does, and where the model has no linear theory.
+        """
+        p, model = parameters, parameters.part("model")
+        if model.theory is None:
+            raise ValueError(f"the model {p.model} has no linear theory")
+        law, relaxation = p.part("law").of(p), None
+        if model.theory == "ngf_primitive":
+            mu, _ = law.stress_ratio(np.asarray(p.inertial_number))
+            relaxation = p.relaxation_time * viscous_rate(mu, p.A, p.phi, p.inertial_number)
+        return cls.of(law, model.theory, p.inertial_number, relaxation)
 
     @staticmethod
     def _spread(law, mu, nu):
@@ -87,10 +118,15 @@ class Coefficients:
 
     def share(self, square):
         """Return x = 1/(1 + nu xi^2 |k|^2), by which non-locality weighs nu; 1 for LI."""
-        return 1.0 / (1.0 + self.spread * square) if self.model == "ngf" else np.ones_like(square)
+        if self.model in ("li", "ig"):
+            return np.ones_like(square)
+        return 1.0 / (1.0 + self.spread * square)
 
     def r_q(self, square):
-        """Return r0 and q0 of (3.13), (5.3) or their local limit, at ``square`` = |k|^2."""
+        """Return r0 and q0 of (3.13), (5.3) or their local limit, at ``square`` = |k|^2.
+
+        For the primitive form ``square`` is |k|^2 + T lambda, with the growth rate lambda.
+        """
         if self.model == "ig":
             return 1.0 - self.nu - square, self.mu * (1.0 - self.nu / 2.0 - square / 2.0)
         x = self.share(square)
@@ -161,9 +197,72 @@ def growth_rates(k, N, coefficients, convection=0.0, gradient=None):
     """Return the eigenvalues (..., n - 1) of `tensor` on v.k = 0, largest real part first.
 
     ``k`` (..., n). They may be complex only with convection, and are not
-    numbers where the denominator vanishes.
+    numbers where the denominator vanishes. For the primitive form they are the (..., n) rates of
+    `relaxing_growth_rates`; with convection that raises `ValueError`.
     """
+    if coefficients.model == "ngf_primitive" and gradient is None:
+        return relaxing_growth_rates(k, N, coefficients)
     return modes(k, N, coefficients, convection, gradient)[0]
+
+
+def relaxing_growth_rates(k, N, coefficients):
+    """Return the growth rates (..., n) of the primitive form of NGF, largest real part first.
+
+    The rate of the module's docstring, with y = 1/x = 1 + S (|k|^2 + T lambda), S = nu xi^2/(A d)^2
+    and m = k^.N k^, becomes::
+
+        (lambda + |k|^2) (e y + f) = 2 (1 - nu) |P N k|^2
+        e = 1 - sqrt(2) mu m,    f = mu nu m/sqrt(2)
+
+    which is a quadratic in lambda. In space -|k|^2 is a further rate, of a velocity normal to k
+    and N k.
+
+    Parameters
+    ----------
+    k : ndarray, (..., n)
+    N : ndarray, (n, n)
+    coefficients : Coefficients
+        Those of ngf_primitive.
+
+    Returns
+    -------
+    ndarray
+        Real within (3.19). Not numbers where e, the denominator of (3.16) for fast changes,
+        vanishes. Raises `ValueError` for k = 0.
+    """
+    k = np.asarray(k, dtype=float)
+    square = (k * k).sum(axis=-1)
+    if not np.all(square > 0.0):
+        raise ValueError("wave vector: allowed is any but the zero vector")
+    Nk = k @ N
+    m = (k * Nk).sum(axis=-1) / square
+    height = np.maximum((Nk * Nk).sum(axis=-1) / square - m**2, 0.0)
+    values = np.stack(_relaxing_roots(square, m, height, coefficients), axis=-1)
+    if k.shape[-1] == 3:
+        viscous = np.where(np.isnan(values[..., :1]), np.nan, -square[..., None])
+        values = np.concatenate([values, viscous], axis=-1)
+    values = np.take_along_axis(values, np.argsort(-values.real, axis=-1), axis=-1)
+    return values if np.nan_to_num(values.imag).any() else values.real
+
+
+def _relaxing_roots(square, m, height, coefficients):
+    """The roots of the quadratic of `relaxing_growth_rates`, complex, larger one first.
+
+    ``height`` is |P N k^|^2. Neither root nor discriminant loses digits within (3.19): no terms
+    of opposite sign are added, but for the constant term, which passes zero.
+    """
+    mu, nu, S = coefficients.mu, coefficients.nu, coefficients.spread
+    e, f = 1.0 - ROOT_2 * mu * m, mu * nu * m / ROOT_2
+    e = np.where(np.abs(e) <= 1e-12, np.nan, e)
+    drive = 2.0 * (1.0 - nu) * height
+    stored, steady = e * S * coefficients.relaxation, e * (1.0 + S * square) + f
+    linear, constant = steady + stored * square, square * (steady - drive)
+    root = np.sqrt((stored * square - steady)**2 + 4.0 * stored * square * drive + 0.0j)
+    half = -(linear + np.where(linear < 0.0, -1.0, 1.0) * root) / 2.0
+    with np.errstate(invalid="ignore"):  # where there is no wave vector or no e
+        first, second = constant / half, half / stored
+    swap = second.real > first.real
+    return np.where(swap, second, first), np.where(swap, first, second)
 
 
 def tensor_growth_rates(k, N, coefficients, convection=0.0, gradient=None):
@@ -171,8 +270,9 @@ def tensor_growth_rates(k, N, coefficients, convection=0.0, gradient=None):
 
     With convection these are what the paper calls the growth rates of (A 7). Unlike those of
     `growth_rates` their modes need not have v.k = 0. Without convection the two sets differ only
-    by -|k|^2.
+    by -|k|^2. Raises `ValueError` for the primitive form.
     """
+    _no_relaxation(coefficients)
     k = np.asarray(k, dtype=float)
     A, _ = tensor(k, N, *coefficients.r_q((k * k).sum(axis=-1)), convection, gradient)
     lost = ~np.isfinite(A).all(axis=(-1, -2))
@@ -182,7 +282,11 @@ def tensor_growth_rates(k, N, coefficients, convection=0.0, gradient=None):
 
 
 def modes(k, N, coefficients, convection=0.0, gradient=None):
-    """Return growth rates (..., n - 1) and velocity modes (..., n - 1, n), as `growth_rates`."""
+    """Return growth rates (..., n - 1) and velocity modes (..., n - 1, n), as `growth_rates`.
+
+    Raises `ValueError` for the primitive form.
+    """
+    _no_relaxation(coefficients)
     k = np.asarray(k, dtype=float)
     A, _ = tensor(k, N, *coefficients.r_q((k * k).sum(axis=-1)), convection, gradient)
     basis = transverse_basis(k)
@@ -214,7 +318,11 @@ def transverse_basis(k):
 
 
 def pure_shear_growth(k1, k2, coefficients):
-    """Return the growth rate (3.22) in pure shear, not a number where its denominator vanishes."""
+    """Return the growth rate (3.22) in pure shear, not a number where its denominator vanishes.
+
+    Raises `ValueError` for the primitive form.
+    """
+    _no_relaxation(coefficients)
     square = k1**2 + k2**2
     r, q = coefficients.r_q(square)
     denominator = square - q * (k1**2 - k2**2)
@@ -225,6 +333,7 @@ def pure_shear_growth(k1, k2, coefficients):
 
 def asymptotic_r_q(square, coefficients):
     """Return r0 and q0 for |k| -> infinity: (3.17) for NGF, the |k|^2 terms of (5.3) for IG."""
+    _no_relaxation(coefficients)
     if coefficients.model == "ngf":
         return ((1.0 - coefficients.nu) / (coefficients.spread * square),
                 coefficients.mu + 0.0 * square)
@@ -235,6 +344,7 @@ def asymptotic_r_q(square, coefficients):
 
 def asymptotic_tensor(k, N, coefficients):
     """Return A_ik (..., n, n) for |k| -> infinity: (3.18) for NGF, (5.4) for IG."""
+    _no_relaxation(coefficients)
     k = np.asarray(k, dtype=float)
     square = (k * k).sum(axis=-1)
     identity = square[..., None, None] * np.eye(k.shape[-1])
@@ -253,8 +363,8 @@ def asymptotic_tensor(k, N, coefficients):
 PURE_SHEAR = flow_direction(BASE_FLOWS["pure_shear"])
 
 
-# Extrema over wave vectors (NGF and LI): m = k^.N k^ = centre + y between the extreme
-# principal values of N, half of whose distance is ``reach``.
+# Extrema over wave vectors (NGF in both forms, and LI): m = k^.N k^ = centre + y between the
+# extreme principal values of N, half of whose distance is ``reach``.
 
 def _extremes(N):
     """Centre and half distance of the extreme principal values of N."""
@@ -295,9 +405,12 @@ def cutoff(coefficients, N=PURE_SHEAR):
     return _posed(coefficients, N, np.where(unstable, size, 0.0))
 
 
-def _ridge(square, coefficients, centre, reach):
-    """Largest growth over directions at |k|^2 = ``square``, and the y where it occurs."""
-    r, q = coefficients.r_q(square)
+def _ridge(square, coefficients, centre, reach, delay=0.0):
+    """Largest growth over directions at |k|^2 = ``square``, and the y where it occurs.
+
+    ``delay`` is T lambda of the primitive form.
+    """
+    r, q = coefficients.r_q(square + delay)
     p, e = ROOT_2 * q, 1.0 - ROOT_2 * q * centre
     root = e + np.sqrt(e**2 - (p * reach)**2)
     return square * (4.0 * r * reach**2 / root - 1.0), p * reach**2 / root
@@ -309,24 +422,45 @@ def fastest(coefficients, N=PURE_SHEAR, tolerance=1e-12):
     Not numbers where all wave vectors are stable, and for LI, which grows without bound.
     Raises `ValueError` for IG. The maximum
     along the ridge of `_ridge` is the root of its slope, bisected to ``tolerance``.
+
+    For the primitive form the ridge is that of `_relaxing_ridge`. It is the solution lambda of
+    lambda = ridge(|k|^2, T lambda), and the ridge falls with T lambda, so that at its maximum
+    the slope at fixed T lambda is zero too.
     """
     centre, reach = _extremes(N)
-    top = cutoff(coefficients, N)
+    top = np.asarray(cutoff(coefficients, N) + 0.0 * coefficients.relaxation)
     low, high = np.zeros_like(top), np.where(np.isfinite(top), top, np.nan)**2
     unstable = np.isfinite(high) & (top > 0.0)
     for _ in range(int(np.ceil(np.log(tolerance) / np.log(0.5))) + 2):
         middle = (low + high) / 2.0
-        rising = _ridge_slope(middle, coefficients, centre, reach) > 0.0
+        delay = coefficients.relaxation * _relaxing_ridge(middle, coefficients, centre, reach)[0]
+        rising = _ridge_slope(middle, coefficients, centre, reach, delay) > 0.0
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
     square = np.where(unstable, (low + high) / 2.0, np.nan)
-    rate, y = _ridge(square, coefficients, centre, reach)
+    rate, y = _relaxing_ridge(square, coefficients, centre, reach)
     return np.sqrt(square), rate, centre + y
 
 
-def _ridge_slope(square, coefficients, centre, reach):
-    """Derivative of `_ridge` with respect to |k|^2."""
-    r, q = coefficients.r_q(square)
-    x = coefficients.share(square)
+def _relaxing_ridge(square, coefficients, centre, reach):
+    """`_ridge`, for the primitive form too, whose direction depends on the growth rate.
+
+    The direction is best for the growth rate of the round before, and the growth rate is that of
+    the direction. A direction that is nearly the best one has nearly the largest rate, so this
+    converges as Newton's method does. It starts at 0 and rises from the second round on.
+    """
+    if coefficients.model != "ngf_primitive":
+        return _ridge(square, coefficients, centre, reach)
+    rate = np.zeros_like(square)
+    for _ in range(ROUNDS):
+        _, y = _ridge(square, coefficients, centre, reach, coefficients.relaxation * rate)
+        rate = _relaxing_roots(square, centre + y, reach**2 - y**2, coefficients)[0].real
+    return rate, y
+
+
+def _ridge_slope(square, coefficients, centre, reach, delay=0.0):
+    """Derivative of `_ridge` with respect to |k|^2 at fixed ``delay``."""
+    r, q = coefficients.r_q(square + delay)
+    x = coefficients.share(square + delay)
     dx = -coefficients.spread * x**2
     dr, dq = (1.0 - coefficients.nu) * dx, -coefficients.mu * coefficients.nu * dx / 2.0
     p, e = ROOT_2 * q, 1.0 - ROOT_2 * q * centre
@@ -404,3 +538,9 @@ def _no_ig(coefficients):
     if coefficients.model == "ig":
         raise ValueError("the growth of the IG model has no bound, so that it has neither a "
                          "cut-off nor a fastest wave vector; allowed are the models ngf and li")
+
+
+def _no_relaxation(coefficients):
+    if coefficients.model == "ngf_primitive":
+        raise ValueError("the model ngf_primitive: its theory leaves out convection and turning "
+                         "wave vectors; allowed are the models ngf, li and ig")

@@ -68,8 +68,11 @@ class Model(ABC):
         The model's own options. `of` passes their values to the constructor by name.
     fields : tuple of str
         Fields of the solver: velocity, pressure, and perhaps fluidity.
+    start_fluidity : float
+        Fluidity from which a run in time starts, over that of the reference flow.
     theory : str or None
-        Which linear theory of homogeneous flow holds: ngf, li or ig; None if there is none.
+        Which linear theory of homogeneous flow holds: ngf, ngf_primitive, li or ig; None if there
+        is none.
     solved : bool
         Whether the nonlinear solver knows the model.
     needs_length : bool
@@ -79,6 +82,7 @@ class Model(ABC):
     """
 
     rows = ()
+    start_fluidity = 0.0
     fields = "velocity", "pressure"
     theory = None
     solved = True
@@ -108,6 +112,13 @@ class Model(ABC):
     def length(self):
         """The length, d, in whose units growing waves are counted: A d of NGF."""
         return float(np.sqrt(self.diffusion)) or 1.0
+
+    def lag(self, law, s, mu, P, g):
+        """Return g - g_loc and its derivatives, a `Quantity` whose ``rate`` is that by mu.
+
+        Only walls of local fluidity need it; the default raises NotImplementedError.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no walls of local fluidity")
 
     @abstractmethod
     def response(self, law, s, gdot, P, g, theta):

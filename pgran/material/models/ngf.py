@@ -29,26 +29,59 @@ class NGF(Model):
         ::
 
             sigma' = 2 P/(g + theta P) D~,    mu = gdot~/(g + theta P)
-            F = (A^2 d^2/xi^2) (g - g_loc),   g_loc = s I_loc(mu)/mu             (2.5)-(2.8)
+
+        and F of `source`.
         """
         total = 1.0 / (g + theta * P)
         mu = gdot * total
-        I_loc, I_slope = law.inertial_number(mu)
-        stiffness, stiffness_slope = law.inverse_length_squared(mu)
-        # I_loc is zero below the yield ratio, so this changes no value.
-        positive = np.maximum(mu, law.yield_ratio)
-        ratio = I_loc / positive
-        ratio_slope = (I_slope - ratio) / positive
-        lag = g - s * ratio
-        source_mu = stiffness_slope * lag - stiffness * s * ratio_slope
+        source = self.source(law, s, mu, P, g)
         return Response(
             viscosity=Quantity(P * total, pressure=g * total**2, fluidity=-P * total**2),
             stress_ratio=mu,
             inertial_number=g * mu / s,
             fluidity=g,
+            # mu falls by theta mu total as P rises by one, and by mu total as g does.
             source=Quantity(
-                stiffness * lag,
-                rate=source_mu * total,
-                pressure=(-source_mu * theta * mu * total
-                          - stiffness * ratio * s / (2.0 * P)),
-                fluidity=stiffness - source_mu * mu * total))
+                source.value,
+                rate=source.rate * total,
+                pressure=source.pressure - source.rate * theta * mu * total,
+                fluidity=source.fluidity - source.rate * mu * total))
+
+    def source(self, law, s, mu, P, g):
+        """Return F and its derivatives at points.
+
+        ::
+
+            F = (A^2 d^2/xi^2) (g - g_loc),   g_loc = s I_loc(mu)/mu             (2.5)-(2.8)
+
+        Parameters
+        ----------
+        law, s, P, g
+            As for `response`.
+        mu : ndarray, (points, n)
+            Stress ratio.
+
+        Returns
+        -------
+        Quantity
+            In gdot0. Its ``rate`` is the derivative with respect to mu; that with respect to P
+            counts the change of s. Each derivative holds the other two of mu, P and g.
+        """
+        stiffness, slope = law.inverse_length_squared(mu)
+        lag = self.lag(law, s, mu, P, g)
+        return Quantity(stiffness * lag.value,
+                        rate=slope * lag.value + stiffness * lag.rate,
+                        pressure=stiffness * lag.pressure,
+                        fluidity=stiffness)
+
+    def lag(self, law, s, mu, P, g):
+        """Return g - g_loc and its derivatives at points, as `source` returns F.
+
+        Walls of local fluidity hold it at zero.
+        """
+        I_loc, slope = law.inertial_number(mu)
+        # I_loc is zero below the yield ratio, so this changes no value.
+        positive = np.maximum(mu, law.yield_ratio)
+        ratio = I_loc / positive
+        return Quantity(g - s * ratio, rate=-s * (slope - ratio) / positive,
+                        pressure=-ratio * s / (2.0 * P), fluidity=np.ones_like(mu))

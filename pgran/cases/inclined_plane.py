@@ -1,0 +1,65 @@
+"""Flow down a rough inclined plane with a free surface.
+
+    mpiexec -n 2 python -m pgran -options_file options/inclined_plane.opts
+
+The layer 0 <= x2 <= H is periodic along x1, which points downhill. The base holds the material, and
+nothing acts on the surface. Stresses are in phi rho_s G d, and the unit of time is
+d sqrt(rho_s/(phi rho_s G d)). The pressure goes to zero at the surface; no floor is put under it.
+"""
+
+import numpy as np
+
+from ..options import Option
+from . import _fixed
+
+
+class InclinedPlane(_fixed.Layer):
+    """A layer that its weight drives down a slope."""
+
+    rows = (
+        _fixed.GRAINS_RATE,
+        _fixed.size("width", 4.0, "length of the periodic layer"),
+        _fixed.size("height", 20.0, "height H of the layer"),
+        Option("slope", "float", 25.0, "degrees", "angle of the plane with the horizontal",
+               low=0.0, high=90.0, open_high=True, shared=("restart",)),
+        *_fixed.rows(wall_fluidity="zero"))
+    stress_unit = "phi rho_s G d"
+    walls = ("bottom",)
+    observables = "shear_stress", "surface_speed"
+
+    def __init__(self, parameters):
+        super().__init__(parameters)
+        self._angle = np.radians(parameters.slope)
+        self.refuse_fast("slope", parameters.slope, np.tan(self._angle))
+
+    @property
+    def rests(self):
+        """Why nothing flows, in words, or None."""
+        limit = self.law.yield_ratio
+        if np.tan(self._angle) > limit:
+            return None
+        return (f"the slope of {self.parameters.slope:g} degrees bears mu = "
+                f"{np.tan(self._angle):.4g}, which does not exceed the yield value {limit:.4g}: "
+                "the material rests")
+
+    @property
+    def pressure(self):
+        """The pressure at the base, phi rho_s G d."""
+        return float(self.parameters.height * np.cos(self._angle))
+
+    @property
+    def weight(self):
+        """The weight per volume (2,), (sin, -cos) of the slope."""
+        return np.sin(self._angle), -np.cos(self._angle)
+
+    def reference(self, x):
+        """Return the flow of uniform fluidity, v1' = g tan(slope), and the weight's pressure."""
+        _, fluidity, _ = super().reference(x)
+        speed = self.fluidity * np.tan(self._angle) * x[1]
+        return (np.array([speed, 0.0 * speed]), fluidity,
+                np.cos(self._angle) * (self.parameters.height - x[1]))
+
+    def observe(self, flow):
+        """Return the shear stress of the base, phi rho_s G d, and the mean speed of the surface."""
+        return {"shear_stress": -flow.reaction("bottom")[0] / self.parameters.width,
+                "surface_speed": flow.mean_velocity("top")[0]}

@@ -1,0 +1,60 @@
+"""Shear between two plates, with or without gravity.
+
+    mpiexec -n 2 python -m pgran -options_file options/planar_shear.opts
+
+The layer 0 <= x2 <= H is periodic along x1. The bottom plate rests. The top plate moves along x1
+with the speed V = gdot0 H and presses with P_w. Stresses are in P_w, and the weight of the
+material is `-pgran_gravity` P_w/d.
+"""
+
+import numpy as np
+
+from ..options import BOTH, positive
+from . import _fixed, pressure
+
+
+class PlanarShear(_fixed.Layer):
+    """A layer under a plate that shears it and presses on it."""
+
+    rows = (
+        positive("inertial_number", 0.01, "", "I0 = gdot0 d sqrt(rho_s/P_w), with gdot0 = V/H",
+                 "(1.1)", shared=BOTH),
+        _fixed.size("width", 4.0, "length of the periodic layer"),
+        _fixed.size("height", 20.0, "height H of the layer"),
+        _fixed.gravity(0.0, "weight of the material, phi rho_s G d/P_w"),
+        *_fixed.rows())
+    stress_unit = "P_w"
+    walls = "bottom", "top"
+    observables = ("shear_stress",)
+
+    def prescribed_velocity(self, time, i, j):
+        """Return the velocities (2, n) of the plates; the top one is free along x2."""
+        values = super().prescribed_velocity(time, i, j)
+        values[0, self.on("top", i, j)] = self.parameters.height
+        return values
+
+    @property
+    def weight(self):
+        """The weight per volume (2,), P_w/d."""
+        return 0.0, -self.parameters.gravity
+
+    def tractions(self, time):
+        """Return the pressure of the top plate."""
+        return {"top": pressure(1.0)}
+
+    def reference(self, x):
+        """Return the flow of uniform fluidity: v1' = g tau/P under the weight above."""
+        p = self.parameters
+        pressure = 1.0 + p.gravity * (p.height - x[1])
+        if p.gravity == 0.0:
+            speed, slope = x[1], 1.0
+        else:
+            whole = np.log1p(p.gravity * p.height)
+            speed = p.height * (1.0 - np.log(pressure) / whole)
+            slope = p.height * p.gravity / whole
+        fluidity = np.full(x.shape[1], slope / self.stress_ratio)
+        return np.array([speed, 0.0 * speed]), fluidity, pressure
+
+    def observe(self, flow):
+        """Return the mean shear stress on the top plate, P_w."""
+        return {"shear_stress": flow.reaction("top")[0] / self.parameters.width}

@@ -1,0 +1,84 @@
+"""Flow between two vertical walls under gravity.
+
+    mpiexec -n 2 python -m pgran -options_file options/vertical_chute.opts
+
+The walls x1 = 0 and x1 = W hold the material along x2. The left one stands still, and the right
+one presses with P_w. The chute is periodic along x2, and the weight of the material,
+`-pgran_gravity` P_w/d, points along -x2. The unit of time is d sqrt(rho_s/P_w).
+"""
+
+import numpy as np
+
+from . import _fixed, pressure
+
+
+class VerticalChute(_fixed.FixedMesh):
+    """Material that falls between two walls."""
+
+    rows = (
+        _fixed.GRAINS_RATE,
+        _fixed.size("width", 20.0, "distance W of the walls"),
+        _fixed.size("height", 4.0, "length of the periodic chute"),
+        _fixed.gravity(0.05, "weight of the material, phi rho_s G d/P_w; the walls bear mu = "
+                       "gravity W/2"),
+        *_fixed.rows())
+    periodic = False, True
+    stress_unit = "P_w"
+    walls = "left", "right"
+    observables = "shear_stress", "mean_speed"
+
+    def __init__(self, parameters):
+        super().__init__(parameters)
+        self.refuse_fast("gravity", parameters.gravity, self.wall_ratio)
+
+    @property
+    def wall_ratio(self):
+        """The stress ratio at the walls, gravity W/2."""
+        return 0.5 * self.parameters.gravity * self.parameters.width
+
+    @property
+    def rests(self):
+        """Why nothing flows, in words, or None."""
+        limit = self.law.yield_ratio
+        if self.wall_ratio > limit:
+            return None
+        return (f"the walls bear mu = gravity W/2 = {self.wall_ratio:.4g}, which does not exceed "
+                f"the yield value {limit:.4g}: the material rests")
+
+    @property
+    def shape(self):
+        """Return the number of elements along x1 and x2."""
+        return self.elements_along("width"), self.elements_along("height")
+
+    def coordinates(self, i, j):
+        """Return the coordinates (2, n) of nodes, d."""
+        return np.array([self.graded(i, self.shape[0], self.parameters.width),
+                         j * self.parameters.element_size / 2.0])
+
+    def prescribed_velocity(self, time, i, j):
+        """Return the velocities (2, n) of the walls; the right one is free along x1."""
+        values = np.full((2, i.size), np.nan)
+        values[:, self.on("left", i, j)] = 0.0
+        values[1, self.on("right", i, j)] = 0.0
+        return values
+
+    @property
+    def weight(self):
+        """The weight per volume (2,), P_w/d."""
+        return 0.0, -self.parameters.gravity
+
+    def tractions(self, time):
+        """Return the pressure of the right wall."""
+        return {"right": pressure(1.0)}
+
+    def reference(self, x):
+        """Return the flow of uniform fluidity: v2' = g gravity (x1 - W/2)."""
+        p = self.parameters
+        _, fluidity, level = super().reference(x)
+        speed = 0.5 * self.fluidity * p.gravity * x[0] * (p.width - x[0])
+        return np.array([0.0 * speed, -speed]), fluidity, level
+
+    def observe(self, flow):
+        """Return the mean shear stress of the walls, P_w, and the mean speed of falling."""
+        up = sum(flow.reaction(side)[1] for side in self.walls) / (2.0 * self.parameters.height)
+        return {"shear_stress": up, "mean_speed": -flow.mean_velocity()[1]}
