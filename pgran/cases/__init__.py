@@ -192,6 +192,17 @@ class Case(ABC):
     def coordinates(self, i, j):
         """Return the initial coordinates (2, n) of nodes, d."""
 
+    @property
+    def closed(self):
+        """Whether the grid closes on itself in space along i and along j, as a ring does."""
+        ends = []
+        for axis, wrap in enumerate(self.periodic):
+            index = np.zeros((2, 2), dtype=int)
+            index[axis, 1] = 2 * self.shape[axis]
+            first, last = self.coordinates(*index).T
+            ends.append(wrap and bool(np.allclose(first, last, rtol=0.0, atol=1e-9)))
+        return tuple(ends)
+
     def elements_along(self, name):
         """Return how many elements of ``element_size`` make the length that a parameter gives.
 

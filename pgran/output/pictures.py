@@ -14,8 +14,14 @@ import pyvista
 from . import reading
 
 
-def surface(coordinates, fields):
-    """Return a pyvista grid of nodes ``coordinates`` (ny, nx, 2) with fields {name: (ny, nx)}."""
+def surface(coordinates, fields, closed=(False, False)):
+    """Return a pyvista grid of nodes ``coordinates`` (ny, nx, 2) with fields {name: (ny, nx)}.
+
+    ``closed`` says whether the last nodes along x1 and along x2 neighbour the first ones.
+    """
+    extra = [(0, int(wrap)) for wrap in reversed(closed)]
+    coordinates = np.pad(coordinates, [*extra, (0, 0)], mode="wrap")
+    fields = {name: np.pad(values, extra, mode="wrap") for name, values in fields.items()}
     ny, nx = coordinates.shape[:2]
     grid = pyvista.StructuredGrid()
     grid.points = np.concatenate([coordinates, np.zeros((ny, nx, 1))], axis=2).reshape(-1, 3)
@@ -55,7 +61,8 @@ def field(path, snapshot, name, title):
     target = Path(path).with_suffix(".png")
     with reading.opened(path, snapshots=1) as file:
         grid = surface(reading.field_of(file, snapshot, "coordinates"),
-                       {name: reading.field_of(file, snapshot, name)})
+                       {name: reading.field_of(file, snapshot, name)},
+                       file.attrs.get("closed", (False, False)))
     draw(target, grid, name, (grid[name].min(), grid[name].max()), title, bar=name)
     return target
 
@@ -69,10 +76,11 @@ def pictures(path):
     with reading.opened(path, snapshots=1) as file:
         fields = {name: reading.field_of(file, name, "inertial_number")
                   for name in sorted(file["snapshots"])}
+        closed = file.attrs.get("closed", (False, False))
         largest = max(I.max() for I in fields.values())
         for name, I in fields.items():
             target = path.with_name(f"{path.stem}_{name}.png")
-            grid = surface(reading.field_of(file, name, "coordinates"), {"I": I})
+            grid = surface(reading.field_of(file, name, "coordinates"), {"I": I}, closed)
             label = file["snapshots"][name].attrs.get("label", "")
             draw(target, grid, "I", (0.0, largest), f"inertial number at {label}")
             written.append(target)

@@ -2,8 +2,9 @@
 
 ``/snapshots/NNNN`` holds fields on the grid of Q2 nodes (row = x2 index),
 ``/history`` one entry for each accepted step, the root attributes the resolved
-options, the versions and the scales. The file is closed after each writing, so a
-run that stops later loses nothing that was written.
+options, the versions and the scales. Where the grid closes on itself, as a ring does, ``/cells``
+holds the nodes of its cells, so that XDMF has them all. The file is closed after each writing, so
+a run that stops later loses nothing that was written.
 """
 
 import os
@@ -119,7 +120,8 @@ class Writer:
 
     def _make(self, source, same):
         attributes = {
-            "run": self.run, "format": FORMAT, "options": self.case.parameters.text(),
+            "run": self.run, "format": FORMAT, "closed": self.case.closed,
+            "options": self.case.parameters.text(),
             "pgran_version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
             **self.case.scales(), **self._attributes}
@@ -138,6 +140,8 @@ class Writer:
                         dtype="i8" if name in INTEGERS else "f8")
             for name, value in attributes.items():
                 file.attrs[name] = value
+            if any(self.case.closed) and "cells" not in file:
+                file["cells"] = cells(self.grid.nodes.shape[::-1], self.case.closed)
             kept = None if same else self._make_room()
         except BaseException:
             draft.drop()
@@ -241,7 +245,7 @@ class Writer:
 
     def _write_xdmf(self):
         self.disk.do(lambda: write_xdmf(self.path, self.grid.nodes.shape[::-1], self.snapshots,
-                                        self._fields))
+                                        self._fields, self.case.closed))
 
     def flush(self, **attributes):
         """Write the history, and root attributes."""
@@ -313,14 +317,32 @@ class Source:
         return [(name, float(groups[name].attrs["time"])) for name in kept], fields
 
 
-def write_xdmf(path, shape, snapshots, fields):
+def cells(shape, closed):
+    """Return the nodes (n, 4) of the cells between ``shape`` = (ny, nx) nodes, counterclockwise.
+
+    ``closed`` says whether the last nodes along x1 and along x2 neighbour the first ones.
+    """
+    ny, nx = shape
+    wide, high = (n if wrap else n - 1 for n, wrap in zip((nx, ny), closed))
+    j, i = (index.ravel() for index in np.mgrid[:high, :wide])
+    across, up = (i + 1) % nx, (j + 1) % ny
+    return np.stack([j * nx + i, j * nx + across, up * nx + across, up * nx + i], axis=1)
+
+
+def write_xdmf(path, shape, snapshots, fields, closed=(False, False)):
     """Write NAME.xdmf, a time series of the snapshots, whole or not at all.
 
     ``shape`` = (ny, nx) nodes, ``snapshots`` pairs (group name, time), ``fields``
-    {name: shape of its components}.
+    {name: shape of its components}, ``closed`` as `cells` has it.
     """
     path = Path(path)
     size = " ".join(map(str, shape))
+    topology = f'<Topology TopologyType="2DSMesh" Dimensions="{size}"/>'
+    if any(closed):
+        count = len(cells(shape, closed))
+        topology = (f'<Topology TopologyType="Quadrilateral" NumberOfElements="{count}">'
+                    f'<DataItem Dimensions="{count} 4" NumberType="Int" Precision="8" '
+                    f'Format="HDF">{quoteattr(path.name)[1:-1]}:/cells</DataItem></Topology>')
 
     def item(name, group, components):
         dimensions = " ".join(map(str, (*shape, *components)))
@@ -332,7 +354,7 @@ def write_xdmf(path, shape, snapshots, fields):
              '<Grid Name="pgran" GridType="Collection" CollectionType="Temporal">']
     for group, time in snapshots:
         lines += [f'<Grid Name="{group}" GridType="Uniform"><Time Value="{time:.16g}"/>',
-                  f'<Topology TopologyType="2DSMesh" Dimensions="{size}"/>',
+                  topology,
                   f'<Geometry GeometryType="XY">{item("coordinates", group, (2,))}</Geometry>']
         lines += [f'<Attribute Name="{name}" AttributeType="{"Matrix" if components else "Scalar"}"'
                   f' Center="Node">{item(name, group, components)}</Attribute>'
