@@ -208,7 +208,7 @@ class Run:
             cost["steady_residual"] = driver.steady_residual()
         self.writer.flush(complete=whole, **cost)
         if self.steady:
-            terminal.say("  steady: the equations (2.9)-(2.11) hold to a residual of "
+            terminal.say("  steady: the rigid-viscous equations (2.9)-(2.11) hold to a residual of "
                          f"{cost['steady_residual']:.2e} {self.case.stress_unit} d")
         elif driver.at_rest:
             terminal.say(f"  at rest at {self.case.label(driver.state.time)}")

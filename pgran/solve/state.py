@@ -173,7 +173,8 @@ def steady_start(form):
         If the snapshot does not fit.
     """
     if not form.case.parameters.restart:
-        return reference(form)
+        # Stress that follows from a strain rate is out of balance: LI starts without.
+        return reference(form) if form.grid.has_fluidity else rest(form)
     return snapshot_start(form)
 
 
