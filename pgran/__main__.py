@@ -76,7 +76,7 @@ class Run:
             for text in damaged:
                 self.terminal.say(f"  passed over a damaged checkpoint, {text}")
         elif self.parameters.seed:
-            first = state.reference(form)
+            first = state.seeded(form)
         else:
             first = state.rest(form)
         self.behind = behind or {}

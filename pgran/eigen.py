@@ -3,10 +3,16 @@
     mpiexec -n 2 python -m pgran.eigen -options_file options/eigen.opts [-json]
 
 solves J x = -lambda M x about the reference flow of a case, with the Jacobian J and the mass
-matrix M that the simulation uses, by shift-and-invert. With ``-pgran_case periodic`` the cell
+matrix M that the simulation uses, by shift-and-invert. Inertia is kept. With ``-pgran_case periodic`` the cell
 holds one wavelength of ``-wave_vector`` each way, with ``-pgran_cell_elements`` elements; each
 eigenvalue is named by the harmonic of its mode and compared with the theory. Other cases have
 their own boundary conditions, and no theory is known of them.
+
+    mpiexec -n 2 python -m pgran.eigen -pgran_restart NAME.h5 [-pgran_restart_snapshot n]
+
+finds the spectrum about a snapshot of a result, of any case, on its mesh. Options that are not
+given are those of the result. Where the mesh moves, the step of size ``-dt`` is linearised
+(`pgran.growth`), so that mesh and elastic memory take part.
 
 A good run prints relative errors that fall with order 4 over ``-refinement n,n,...``, and
 residuals near the rounding error. Eigenvalues are in units of gdot0, largest real part first.
@@ -27,6 +33,8 @@ ROWS = (
     own("wave_vector", "floats", "wave vector A d k; the fastest one unless given", length=2),
     own("refinement", "ints", "elements each way for which the fastest mode is repeated", low=2),
     own("target", "floats", "where the spectrum is sought", unit="gdot0"),
+    own("dt", "float", "step that is linearised about a snapshot whose mesh moves", 1e-3,
+        unit="1/gdot0", low=0.0, open_low=True),
     own("sweep", "int", "compare m x m wave vectors of the first quadrant with the theory; a CSV "
         "beside the output is written as it goes", low=2),
     own("sweep_end", "float", "largest component of these wave vectors", 0.15, low=0.0,
@@ -36,18 +44,30 @@ ROWS = (
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
-    return start(arguments, run, __doc__, ROWS, slepc=True)
+    return start(arguments, run, __doc__, ROWS, slepc=True, complete=complete)
+
+
+def complete(texts):
+    """Add the options of the result whose snapshot the spectrum is about, {name: text}."""
+    if not texts.get("pgran_restart"):
+        return texts
+    from .output.reading import begun_from
+
+    return begun_from(texts)
 
 
 def run(parameters, asked, comm):
     """Answer the command line; raises `OptionError`. Collective."""
-    from .solve import spectrum
+    from .solve import linearised, spectrum
 
     say = print if comm.rank == 0 else (lambda *_, **__: None)
-    waves = parameters.part("case").with_wave(parameters, np.ones(2)) is not None
+    case = parameters.part("case")
+    moves = bool(parameters.restart) and case.moving
+    waves = not parameters.restart and case.with_wave(parameters, np.ones(2)) is not None
     if not waves and (asked.wave_vector or asked.sweep):
         raise OptionError("-wave_vector, -sweep: allowed only with a case that holds waves, such "
-                          f"as -pgran_case periodic, not {parameters.case}")
+                          f"as -pgran_case periodic, not {parameters.case}, and not about a "
+                          "snapshot")
     if asked.wave_vector and not all(asked.wave_vector):
         raise OptionError(f"-wave_vector {','.join(f'{k:g}' for k in asked.wave_vector)}: allowed "
                           "is two numbers other than zero, one wavelength each way making the cell")
@@ -59,7 +79,8 @@ def run(parameters, asked, comm):
         if waves:
             k = spectrum.fastest(parameters) if asked.wave_vector is None else np.array(
                 asked.wave_vector)
-        form, rows, modes = spectrum.spectrum(parameters, comm, k, asked.target)
+        form, rows, modes = (linearised.spectrum(parameters, comm, asked.dt) if moves else
+                             spectrum.spectrum(parameters, comm, k, asked.target))
         report_unread(comm)
     except ValueError as problem:
         if isinstance(problem, TOLD):
@@ -71,8 +92,9 @@ def run(parameters, asked, comm):
                         for row in rows]))
         return
     if modes:
-        writer = spectrum.write_mode(parameters.output, form, rows[0]["computed"], modes[0])
-        picture = spectrum.draw_mode(writer, "speed", "speed of the fastest mode")
+        module = linearised if moves else spectrum
+        writer, field = module.write_mode(parameters.output, form, rows[0]["computed"], modes[0])
+        picture = spectrum.draw_mode(writer, field, f"{field} of the fastest mode")
         say(f"  mode: {writer.path}, {writer.path.with_suffix('.xdmf')}, {picture}")
     table(rows, say)
     if asked.refinement and waves:

@@ -16,8 +16,6 @@ import sys
 from .cli import JSON, as_json, own, report_unread, start
 from .options import OptionError
 
-#: Largest displacement of the shape on which a mode is shown, d.
-SHOWN = 2.0
 ROWS = (
     own("dt", "floats", "steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True),
     own("without", "str", "parts of the coupling that are left out, with commas: faces, geometry, "
@@ -50,8 +48,7 @@ def run(parameters, asked, comm):
     files = ()
     if modes and asked.mode:
         rate, _, mode = modes[0]
-        writer, field = linearised.write_mode(asked.mode, form, rate, mode, SHOWN,
-                                              ("mode", ""))
+        writer, field = linearised.write_mode(asked.mode, form, rate.real, mode, ("mode", ""))
         picture = spectrum.draw_mode(writer, field, f"{field} of the fastest mode")
         files = writer.path, writer.path.with_suffix(".xdmf"), picture
     if comm.rank:

@@ -14,6 +14,8 @@ from .files import told
 
 #: Components of fields that have any, (shape).
 FIELDS = {"coordinates": (DIM,), "velocity": (DIM,), "deviator": (COMPONENTS,)}
+#: Options of a result that what starts from it does not take over.
+NOT_TAKEN = "restart", "restart_snapshot", "output", "progress"
 
 
 class ResultError(ValueError):
@@ -108,24 +110,46 @@ def continued(texts):
         If the file is no result, or if options contradict it.
     """
     path = texts[f"{PREFIX}restart"]
+    theirs, merged = _taken_over(texts, NOT_TAKEN, "a run that goes on")
+    mine = cases.read(merged)
+    _refuse_changes(path, "a run that goes on", texts, theirs, [
+        row.name for row in mine.rows if not row.changeable
+        and getattr(mine, row.name) != getattr(theirs, row.name, None)])
+    return {f"{PREFIX}output": path, **merged}
+
+
+def begun_from(texts):
+    """Return the options of a computation that begins at a snapshot of a result, {name: text}.
+
+    What is not given in ``texts`` is as it was in the run that ``pgran_restart`` names.
+
+    Raises
+    ------
+    ParameterError
+        If the file is no result, or one of another case, model or law.
+    """
+    return _taken_over(texts, (*NOT_TAKEN, "seed", "seed_size"), "what begins at a snapshot")[1]
+
+
+def _taken_over(texts, left_out, what):
+    """The parameters of the result that ``pgran_restart`` names, and its options under ``texts``."""
+    path = texts[f"{PREFIX}restart"]
     try:
         with opened(path) as file:
             theirs = stored_parameters(file)
-            texts_then = written(file.attrs["options"])
+            then = written(file.attrs["options"])
     except ResultError as problem:
         raise ParameterError("restart", path, problem.reason) from None
-    for name in ("restart", "restart_snapshot", "output", "progress"):
-        texts_then.pop(f"{PREFIX}{name}", None)
-    merged = {f"{PREFIX}output": path, **texts_then, **texts}
-    parts = {kind.name for kind in cases.KINDS}
-    apart = [name for name in parts
-             if texts.get(f"{PREFIX}{name}", getattr(theirs, name)) != getattr(theirs, name)]
-    if not apart:
-        mine = cases.read(merged)
-        apart = [row.name for row in mine.rows if not row.changeable
-                 and getattr(mine, row.name) != getattr(theirs, row.name, None)]
-    if apart:
-        raise ParameterError("restart", path, "a run that goes on cannot change " + ", ".join(
+    for name in left_out:
+        then.pop(f"{PREFIX}{name}", None)
+    _refuse_changes(path, what, texts, theirs, [
+        name for name in (kind.name for kind in cases.KINDS)
+        if texts.get(f"{PREFIX}{name}", getattr(theirs, name)) != getattr(theirs, name)])
+    return theirs, {**then, **texts}
+
+
+def _refuse_changes(path, what, texts, theirs, names):
+    if names:
+        raise ParameterError("restart", path, f"{what} cannot change " + ", ".join(
             f"@{name} (here {texts[PREFIX + name]}, there {plain(getattr(theirs, name, None))})"
-            for name in sorted(apart) if PREFIX + name in texts))
-    return merged
+            for name in sorted(names) if PREFIX + name in texts))

@@ -32,6 +32,8 @@ BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
 HISTORY = ("time", "step_size", "newton_iterations", "linear_iterations", "inertial_number_min",
            "inertial_number_max", *BALANCE)
 INTEGERS = ("newton_iterations", "linear_iterations")
+#: What the names of the fields of the flow begin with that a mode was found about.
+BASE = "base_"
 #: Largest share of the time that writing the history takes.
 SHARE = 0.02
 #: Root attributes that say how a run ended.
@@ -379,16 +381,19 @@ def read_snapshot(parameters, form):
 
 
 def read_mode(parameters, form):
-    """Return the mode that a seed names, {name: (..., n)} at local nodes. Collective.
+    """Return the mode that a seed names, and the flow that it was found about. Collective.
 
-    Its velocity is 1 at most. Raises `ParameterError` as `read_snapshot` does.
+    Both are {name: (..., n)} at local nodes. The velocity of the mode is 1 at most. The flow is
+    empty where it is the reference flow. Raises `ParameterError` as `read_snapshot` does.
     """
     names = ("velocity", "pressure") + (("fluidity",) if form.grid.has_fluidity else ())
-    return _read_fields(parameters, "seed", 0, form, names)[1]
+    base = tuple(BASE + name for name in (*names, "deviator"))
+    _, fields = _read_fields(parameters, "seed", 0, form, names, base)
+    return fields, {name[len(BASE):]: fields.pop(name) for name in base if name in fields}
 
 
-def _read_fields(parameters, start, number, form, names):
-    """Read the fields ``names`` of snapshot ``number`` of the file that ``start`` names."""
+def _read_fields(parameters, start, number, form, names, optional=()):
+    """Read fields of snapshot ``number`` of the file that ``start`` names, ``optional`` if there."""
     path, lattice = getattr(parameters, start), form.grid.nodes
 
     def refuse(reason):
@@ -402,8 +407,9 @@ def _read_fields(parameters, start, number, form, names):
             if not -len(found) <= number < len(found):
                 refuse(f"it holds {len(found)} snapshots, and snapshot {number} is asked for")
             group = file["snapshots"][found[number]]
-            for name in names:
-                size = FIELDS.get(name, ())
+            wanted = (*names, *(name for name in optional if name in group))
+            for name in wanted:
+                size = FIELDS.get(name.removeprefix(BASE), ())
                 data = group.get(name)
                 if not isinstance(data, h5py.Dataset) or data.shape[2:] != size:
                     refuse(f"snapshot {found[number]} has no field {name} of {len(size) + 2} "
@@ -412,11 +418,14 @@ def _read_fields(parameters, start, number, form, names):
                     refuse(f"its {data.shape[1]} x {data.shape[0]} nodes are not the "
                            f"{lattice.shape[0]} x {lattice.shape[1]} of this grid")
             theirs = stored_parameters(file)
+            if start == "seed" and theirs.restart and not set(optional) <= set(wanted):
+                refuse("its mode is one of a mesh that has moved; a run can begin with modes of "
+                       "reference flows and of fixed meshes")
             for row in parameters.rows:
                 mine, other = (getattr(of, row.name, None) for of in (parameters, theirs))
                 if start in row.shared and mine != other:
                     raise ParameterError(row.name, mine, f"{path} was made with {other}")
-            fields = {name: local_part(group[name], lattice.i, lattice.j) for name in names}
+            fields = {name: local_part(group[name], lattice.i, lattice.j) for name in wanted}
             for name, values in fields.items():
                 if not np.isfinite(values).all():
                     refuse(f"its field {name} is not a number everywhere")

@@ -1,7 +1,7 @@
 """Growth rates of the linearised time step, on the mesh that moves with the material.
 
 A step takes the mesh, the stress and the unknowns of one time to those of the next. About the
-reference flow its linearisation has multipliers m, and log(m)/dt are growth rates. Unlike the
+reference flow, or about a snapshot, its linearisation has multipliers m, and log(m)/dt are growth rates. Unlike the
 spectra of `pgran.solve.spectrum` they contain the motion of the mesh and the elastic memory. SLEPc
 finds the largest multipliers matrix-free: each product takes two solutions with the Jacobian of
 the step.
@@ -12,10 +12,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..material.elasticity import COMPONENTS
-from ..options import SolutionError
+from ..options import PREFIX, SolutionError
 from ..output.results import write_once
 from ..space.element import DIM, POINTS
+from ..space.weakform import discretise
 from . import state as states
+from .spectrum import row_of
 
 #: Parts of the coupling that can be left out, and what then stays undisturbed.
 PARTS = {
@@ -28,10 +30,12 @@ PARTS = {
 SIZE = 1e-5
 #: Newton's method for the undisturbed step stops at this relative change, or gives up.
 TOLERANCE, MOST = 1e-12, 10
+#: Largest displacement of the shape on which a mode is shown, d.
+SHOWN = 2.0
 
 
 class LinearisedStep:
-    """The derivative of one step (backward Euler, trapezoidal mesh) about the reference flow.
+    """The derivative of one step (backward Euler, trapezoidal mesh) about a flow.
 
     A disturbance is one array: mesh (2 n_nodes), unknowns (n_local), stress (3 points
     n_elements) of this rank, ghosts included. Collective.
@@ -43,6 +47,8 @@ class LinearisedStep:
         Size of the step, 1/gdot0.
     without : sequence of str
         Names of `PARTS` that are left out.
+    start : pgran.solve.state.State, optional
+        Where the step starts; the reference flow unless given.
 
     Raises
     ------
@@ -50,10 +56,10 @@ class LinearisedStep:
         If Newton's method does not converge for the undisturbed step.
     """
 
-    def __init__(self, form, dt, without=()):
+    def __init__(self, form, dt, without=(), start=None):
         self.form, self.dt, self.without = form, dt, without
         grid = form.grid
-        self.state = states.reference(form)
+        self.state = start or states.reference(form)
         self.base = states.TimeStep(form, self.state, dt)
         self.inside = np.ones(grid.nodes.size, dtype=bool)
         for side in form.case.tractions(0.0):
@@ -69,8 +75,10 @@ class LinearisedStep:
         self.ksp.getPC().setType("lu")
         self.ksp.getPC().setFactorSolverType("mumps")
         self.ksp.setFromOptions()
-        _, fluidity, pressure = grid.split(self.state.local)
-        self.end = grid.join(form.case.reference(self.base.increment.x)[0], fluidity, pressure)
+        self.end = self.state.local
+        if start is None:
+            _, fluidity, pressure = grid.split(self.end)
+            self.end = grid.join(form.case.reference(self.base.increment.x)[0], fluidity, pressure)
         self._solve_base()
 
     def _solve_base(self):
@@ -133,10 +141,11 @@ class LinearisedStep:
         y.setArray(self.apply(x.array_r))
 
 
-def fastest_modes(form, dt, without=(), count=4):
+def fastest_modes(form, dt, without=(), count=4, start=None):
     """Return the fastest growth rates of a form's step and their modes, fastest first. Collective.
 
-    Solver options have the prefixes ``-eps_`` and ``-step_``.
+    The parameters are those of `LinearisedStep`, and how many modes are sought. Solver options
+    have the prefixes ``-eps_`` and ``-step_``.
 
     Returns
     -------
@@ -146,7 +155,7 @@ def fastest_modes(form, dt, without=(), count=4):
     """
     from slepc4py import SLEPc
 
-    step, comm = LinearisedStep(form, dt, without), form.grid.comm
+    step, comm = LinearisedStep(form, dt, without, start), form.grid.comm
     shell = PETSc.Mat().createPython(((step.size, None), (step.size, None)), step, comm=comm)
     shell.setUp()
     eps = SLEPc.EPS().create(comm=comm)
@@ -166,6 +175,22 @@ def fastest_modes(form, dt, without=(), count=4):
     return sorted(found, key=lambda mode: -mode[0].real)
 
 
+def spectrum(parameters, comm, dt):
+    """Return the fastest modes of a step ``dt``, 1/gdot0, about a snapshot. Collective.
+
+    The snapshot is the one that the restart of the parameters names. The returned form, rows and
+    modes are those of `pgran.solve.spectrum.spectrum`, but each mode is that of `fastest_modes`.
+    Raises `SolutionError` if none converges.
+    """
+    form = discretise(parameters, comm)
+    found = fastest_modes(form, dt, start=states.snapshot_start(form))
+    if not found:
+        raise SolutionError("no multiplier of the linearised step converged. What may help: a "
+                            "larger @@eps_max_it or @@eps_ncv")
+    return (form, [row_of(rate, residual) for rate, residual, _ in found],
+            [mode for _, _, mode in found])
+
+
 def extrapolated(steps, rates):
     """Return rates extrapolated to a step of zero by the polynomial through all points.
 
@@ -174,22 +199,23 @@ def extrapolated(steps, rates):
     return float(np.polynomial.polynomial.polyfit(steps, rates, len(steps) - 1)[0])
 
 
-def write_mode(path, form, rate, mode, shown, option):
+def write_mode(path, form, rate, mode, option=("output", PREFIX)):
     """Write a mode of `fastest_modes` as a result file. Collective.
 
     Its largest displacement is 1 d. The fields are ``displacement`` (d), ``velocity`` (d gdot0),
-    ``pressure`` and perhaps ``fluidity``, on a mesh that is displaced by at most ``shown`` d.
-    ``option`` names the file, as `pgran.output.results.Writer` has it.
-    Returns the `pgran.output.results.Writer` and the name of a field to be drawn.
+    ``pressure`` and perhaps ``fluidity``, on a mesh that is displaced by at most `SHOWN`. ``rate``
+    is its growth rate, gdot0, and ``option`` names the file, as `pgran.output.results.Writer` has
+    it. Returns the `pgran.output.results.Writer` and the name of a field to be drawn.
     """
     grid = form.grid
-    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    x = states.snapshot_start(form).x if form.case.parameters.restart else (
+        form.case.coordinates(grid.nodes.i, grid.nodes.j))
     mode = (mode / grid.largest(mode[:x.size])).real
     velocity, fluidity, pressure = grid.split(mode[x.size:x.size + grid.n_local])
     displacement = mode[:x.size].reshape(x.shape)
-    fields = {"coordinates": x + shown * displacement, "displacement": displacement,
+    fields = {"coordinates": x + SHOWN * displacement, "displacement": displacement,
               "velocity": velocity, "pressure": form.corner_field(pressure)}
     if fluidity is not None:
         fields["fluidity"] = fluidity
-    writer = write_once(path, form, fields, option, growth_rate=rate.real, complete=True)
+    writer = write_once(path, form, fields, option, growth_rate=rate, complete=True)
     return writer, "fluidity" if "fluidity" in fields else "pressure"

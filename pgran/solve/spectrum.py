@@ -1,4 +1,4 @@
-"""Spectra of the solver's own Jacobian about the reference flow, by SLEPc.
+"""Spectra of the solver's own Jacobian about the reference flow or a snapshot, by SLEPc.
 
 The eigenproblem is J x = -lambda M x, with the derivatives J and M of the simulation's residual
 with respect to the unknowns and to their rates. M is singular, since only what stores has a rate:
@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..options import SolutionError
-from ..output.results import write_once
+from ..output.results import BASE, write_once
 from ..space.element import DIM
 from ..space.weakform import discretise
 from ..theory import waves
@@ -51,8 +51,11 @@ def targets(parameters, k):
 
     For a cell with the wave vector ``k`` (2,) it is just beyond the fastest harmonic; for LI, whose
     growth has no bound, just beyond the wave vector itself. Without a wave vector (None), no theory
-    is known: 0, 0.1, 0.3 and 0.9 of the growth of the fastest wave vector in free space.
+    is known: 0, 0.1, 0.3 and 0.9 of the growth of the fastest wave vector in free space; only 0
+    about a snapshot.
     """
+    if parameters.restart:
+        return [0.0]
     if k is None:
         try:
             top = float(theory(parameters, fastest(parameters)))
@@ -68,14 +71,18 @@ def targets(parameters, k):
 
 
 def operators(parameters, comm):
-    """Return the form, J and M about the reference flow, at theta = 0 on the initial mesh.
+    """Return the form, J and M about the reference flow, rigid-viscous, or about a snapshot.
 
     Rows of prescribed unknowns are those of the identity in J, and empty in M. The matrices belong
     to the caller. Collective.
     """
     form = discretise(parameters, comm)
-    start = state.steady_start(form)
-    increment = form.increment(start.x, start.stress, 0.0, 0.0)
+    if parameters.restart:
+        start = state.snapshot_start(form)
+        increment = state.unmoved(form, start)
+    else:
+        start = state.reference(form)
+        increment = form.increment(start.x, start.stress, 0.0, 0.0)
     J, M = form.create_matrix(), form.create_matrix()
     form.jacobian(start.local, 0.0, increment, J)
     form.jacobian(start.local, 1.0, increment, M)
@@ -127,8 +134,7 @@ def spectrum(parameters, comm, k=None, sought=None):
             if not error < LARGEST_RESIDUAL:
                 dropped.append(value)
                 continue
-            row = {"computed": value.real, "imaginary": value.imag, "analytic": None,
-                   "relative_error": None, "harmonic": None, "share": None, "residual": error}
+            row = row_of(value, error)
             if any(abs(value - complex(r["computed"], r["imaginary"])) < 1e-6 * abs(value)
                    and r["target"] != target for r in rows):
                 continue  # two targets have found it
@@ -149,6 +155,12 @@ def spectrum(parameters, comm, k=None, sought=None):
                             "larger @@eps_max_it, or fewer @@eps_nev")
     order = sorted(range(len(rows)), key=lambda n: -rows[n]["computed"])
     return form, [rows[n] for n in order], [modes[n] for n in order]
+
+
+def row_of(value, error):
+    """Return what `spectrum` says of an eigenvalue, gdot0, with its residual, without theory."""
+    return {"computed": value.real, "imaginary": value.imag, "analytic": None,
+            "relative_error": None, "harmonic": None, "share": None, "residual": error}
 
 
 def eigenpairs(form, J, M, target):
@@ -231,13 +243,15 @@ def name_of(form, mode):
 def write_mode(path, form, rate, mode):
     """Write a mode (n_local,) as a result file; its largest velocity becomes 1. Collective.
 
-    ``rate`` is its growth rate, gdot0. Returns the `pgran.output.results.Writer`.
+    ``rate`` is its growth rate, gdot0. The flow of a snapshot that it was found about is written
+    beside it, so that a run can start from both. Returns the `pgran.output.results.Writer` and the
+    name of a field to be drawn.
     """
     grid, case, comm = form.grid, form.case, form.grid.comm.tompi4py()
     # The largest velocity becomes 1 in size and real, on whichever rank it is.
     scale = grid.largest(grid.split(mode)[0][:, grid.nodes.owned].ravel())
     velocity, fluidity, pressure = grid.split((mode / scale).real)
-    if any(case.periodic):
+    if all(case.periodic):
         # The held pressure of one corner adds a constant, which changes no flow: take it out.
         pressure, fluidity = (field if field is None else field - comm.allreduce(
             field[owned].sum(), MPI.SUM) / comm.allreduce(owned.size, MPI.SUM)
@@ -246,7 +260,10 @@ def write_mode(path, form, rate, mode):
               "pressure": form.corner_field(pressure), "speed": np.hypot(*velocity)}
     if fluidity is not None:
         fields["fluidity"] = fluidity
-    return write_once(path, form, fields, growth_rate=rate, complete=True)
+    if case.parameters.restart:
+        base = state.snapshot_start(form).nodal(form)
+        fields.update((BASE + name, values) for name, values in base.items())
+    return write_once(path, form, fields, growth_rate=rate, complete=True), "speed"
 
 
 def draw_mode(writer, name, title):

@@ -52,6 +52,13 @@ class State:
         return (self.local + dt * self.rate,
                 self.stress + dt / self.dt * (self.stress - self.earlier))
 
+    def nodal(self, form):
+        """Return velocity, pressure, perhaps fluidity, and deviator at nodes, {name: (..., n)}."""
+        velocity, fluidity, pressure = form.grid.split(self.local)
+        fields = {"velocity": velocity, "pressure": form.corner_field(pressure),
+                  "deviator": np.array([form.at_nodes(part) for part in self.stress])}
+        return fields if fluidity is None else {**fields, "fluidity": fluidity}
+
     # On any number of ranks
 
     def arrays(self, grid):
@@ -140,26 +147,46 @@ def rest(form):
 
 
 def reference(form):
-    """Return the `State` of the reference flow of the case, rigid-viscous.
+    """Return the `State` of the reference flow of the case, rigid-viscous. Collective."""
+    return _rigid_viscous(form, _unknowns(form, form.case.reference, _initial_mesh(form)))
 
-    With a seed, the mode that it names is added. Collective.
+
+def _rigid_viscous(form, local):
+    """The `State` of unknowns on the initial mesh, whose stress follows from them."""
+    x = _initial_mesh(form)
+    increment = form.increment(x, form.no_stress(), 0.0, 0.0)
+    increment.prescribed = np.full(form.grid.n_local, np.nan)  # nothing is imposed on this flow
+    return State(0.0, x, local, form.stress(local, increment))
+
+
+def seeded(form):
+    """Return the `State` of the flow that the mode of a seed is one of, plus the mode. Collective.
+
+    That is the reference flow, or the snapshot that the mode was found about; its stress is kept.
 
     Raises
     ------
     ParameterError
         If the mode does not fit.
     """
-    grid, parameters = form.grid, form.case.parameters
-    x = _initial_mesh(form)
-    local = _unknowns(form, form.case.reference, x)
-    if parameters.seed:
-        mode = read_mode(parameters, form)
-        pressure = mode["pressure"][grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)]
-        local = local + parameters.seed_size * grid.join(
-            mode["velocity"], mode.get("fluidity"), pressure)
-    increment = form.increment(x, form.no_stress(), 0.0, 0.0)
-    increment.prescribed = np.full(grid.n_local, np.nan)  # nothing is imposed on this flow
-    return State(0.0, x, local, form.stress(local, increment))
+    mode, base = read_mode(form.case.parameters, form)
+    change = form.case.parameters.seed_size * _joined(form, mode)
+    if base:
+        return State(0.0, _initial_mesh(form), _joined(form, base) + change,
+                     _at_points(form, base["deviator"]))
+    return _rigid_viscous(form, _unknowns(form, form.case.reference, _initial_mesh(form)) + change)
+
+
+def _joined(form, fields):
+    """Local unknowns (n_local,) of nodal fields {name: (..., n_nodes)} of a result."""
+    grid = form.grid
+    corners = grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)
+    return grid.join(fields["velocity"], fields.get("fluidity"), fields["pressure"][corners])
+
+
+def _at_points(form, nodal):
+    """The values (k, points, n) of nodal fields (k, n_nodes) at the Gauss points."""
+    return SHAPE @ nodal[:, form.grid.element_nodes]
 
 
 def steady_start(form):
@@ -192,10 +219,17 @@ def snapshot_start(form):
                              "whose grid is periodic and moves")
     attributes, fields = read_snapshot(parameters, form)
     x = fields["coordinates"] if form.case.moving else _initial_mesh(form)
-    pressure = fields["pressure"][grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)]
-    local = grid.join(fields["velocity"], fields["fluidity"], pressure)
-    stress = SHAPE @ fields["deviator"][:, grid.element_nodes]
-    return State(float(attributes["time"]), x, local, stress)
+    return State(float(attributes["time"]), x, _joined(form, fields),
+                 _at_points(form, fields["deviator"]))
+
+
+def unmoved(form, state):
+    """Return the `Increment` in which a steady state stays as it is. Collective.
+
+    The elastic element keeps the stress and bears what deforms within ``steady_time``, so that the
+    stress of material at rest has its place, and what creeps counts.
+    """
+    return TimeStep(form, state, form.case.parameters.steady_time, still=True).increment
 
 
 def checkpoint_start(form):
