@@ -30,7 +30,10 @@ def rows(wall_fluidity="natural", element_size=0.5):
                "distance from either end goes with the number of elements to the power p, and 1 "
                "makes them equal", "x = s^p/(s^p + (1 - s)^p)", low=1.0, high=10.0, shared=BOTH),
         Option("wall_fluidity", "str", wall_fluidity, "", "fluidity at walls: no flux, g = 0, or "
-               "g = g_loc", choices=("natural", "zero", "local"), shared=("restart",)))
+               "g = g_loc", choices=("natural", "zero", "local"), shared=("restart",)),
+        Option("start", "str", "rest", "", "velocity with which a run in time starts: none, or "
+               "that of the reference flow; it matters only with inertia",
+               choices=("rest", "flow")))
 
 
 class FixedMesh(Case):
@@ -44,6 +47,39 @@ class FixedMesh(Case):
 
     moving = False
     walls = ()
+
+    def start(self, x):
+        """Return velocity (2, n), fluidity (n,) and pressure (n,) at the start of a run in time."""
+        velocity, fluidity, pressure = super().start(x)
+        return velocity * (self.parameters.start == "flow"), fluidity, pressure
+
+    # The steady flow by theory
+
+    def profile(self):
+        """Return the `pgran.theory.profiles.Profile` of the steady flow.
+
+        Raises ValueError where there is none, and NotImplementedError without such a theory.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no profile")
+
+    def along(self, x):
+        """Return where points (2, ...) are in the profile (...), and two unit vectors (2, ...).
+
+        The first one points along the flow, the second one along the profile.
+        """
+        raise NotImplementedError
+
+    def steady(self, profile, x):
+        """Return velocity (2, ...), fluidity, pressure and deviator (3, ...) of a profile.
+
+        ``x`` (2, ...) are points, d. The deviator is -1, 0 or 1 times mu P in the shear of the two
+        directions of `along`.
+        """
+        place, (e1, e2), (n1, n2) = self.along(x)
+        P = profile.pressure(place)
+        shear = profile.sense * profile.stress_ratio(place) * P
+        return (profile.velocity(place) * np.array([e1, e2]), profile.fluidity(place), P,
+                shear * np.array([2.0 * e1 * n1, 2.0 * e2 * n2, e1 * n2 + e2 * n1]))
 
     @property
     def walls_of_local_fluidity(self):
@@ -104,6 +140,11 @@ class Layer(FixedMesh):
     """A layer 0 <= x2 <= H on a base at rest, periodic along x1; its rows are width and height."""
 
     periodic = True, False
+
+    def along(self, x):
+        """Return the height (...) of points (2, ...), and the directions of x1 and x2."""
+        one, zero = np.ones_like(x[0]), np.zeros_like(x[0])
+        return x[1], np.array([one, zero]), np.array([zero, one])
 
     @property
     def shape(self):

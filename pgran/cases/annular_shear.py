@@ -11,6 +11,7 @@ its level open.
 import numpy as np
 
 from ..options import BOTH, ParameterError, positive
+from ..theory import profiles
 from . import _fixed
 
 #: The number of elements around the ring is a multiple of this, so that multigrid can halve them.
@@ -78,6 +79,18 @@ class AnnularShear(_fixed.FixedMesh):
         angular = (p.outer_radius**2 / (x**2).sum(axis=0) - 1.0) / (ratio - 1.0)
         rate = 2.0 * ratio / (ratio - 1.0)  # at the inner wall
         return np.array([-x[1], x[0]]) * angular, rate * fluidity, level
+
+    def profile(self):
+        """Return the steady profile over the radius; its constant is mu at the inner wall."""
+        p, material = self.parameters, self.material
+        return profiles.annular_shear(self.law, material.model.theory, p.A, p.inertial_number,
+                                      p.inner_radius, p.outer_radius, p.wall_fluidity,
+                                      material.bulk_density if p.inertia else 0.0)
+
+    def along(self, x):
+        """Return the radius (...) of points (2, ...), and the directions around and outward."""
+        r = np.hypot(*x)
+        return r, np.array([-x[1], x[0]]) / r, x / r
 
     def observe(self, flow):
         """Return the torque of the inner wall on the material, P_w d^2 per unit depth."""

@@ -10,6 +10,7 @@ d sqrt(rho_s/(phi rho_s G d)). The pressure goes to zero at the surface; no floo
 import numpy as np
 
 from ..options import Option
+from ..theory import profiles
 from . import _fixed
 
 
@@ -58,6 +59,12 @@ class InclinedPlane(_fixed.Layer):
         speed = self.fluidity * np.tan(self._angle) * x[1]
         return (np.array([speed, 0.0 * speed]), fluidity,
                 np.cos(self._angle) * (self.parameters.height - x[1]))
+
+    def profile(self):
+        """Return the steady profile over the height above the base."""
+        p = self.parameters
+        return profiles.inclined_plane(self.law, self.material.model.theory, p.A,
+                                       p.inertial_number, p.height, p.slope, p.wall_fluidity)
 
     def observe(self, flow):
         """Return the shear stress of the base, phi rho_s G d, and the mean speed of the surface."""

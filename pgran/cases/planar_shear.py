@@ -10,6 +10,7 @@ material is `-pgran_gravity` P_w/d.
 import numpy as np
 
 from ..options import BOTH, positive
+from ..theory import profiles
 from . import _fixed, pressure
 
 
@@ -54,6 +55,12 @@ class PlanarShear(_fixed.Layer):
             slope = p.height * p.gravity / whole
         fluidity = np.full(x.shape[1], slope / self.stress_ratio)
         return np.array([speed, 0.0 * speed]), fluidity, pressure
+
+    def profile(self):
+        """Return the steady profile over the height; its constant is the shear stress."""
+        p = self.parameters
+        return profiles.planar_shear(self.law, self.material.model.theory, p.A, p.inertial_number,
+                                     p.height, p.gravity, p.wall_fluidity)
 
     def observe(self, flow):
         """Return the mean shear stress on the top plate, P_w."""

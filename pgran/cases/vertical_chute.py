@@ -9,6 +9,7 @@ one presses with P_w. The chute is periodic along x2, and the weight of the mate
 
 import numpy as np
 
+from ..theory import profiles
 from . import _fixed, pressure
 
 
@@ -77,6 +78,17 @@ class VerticalChute(_fixed.FixedMesh):
         _, fluidity, level = super().reference(x)
         speed = 0.5 * self.fluidity * p.gravity * x[0] * (p.width - x[0])
         return np.array([0.0 * speed, -speed]), fluidity, level
+
+    def profile(self):
+        """Return the steady profile over x1; its velocity points down."""
+        p = self.parameters
+        return profiles.vertical_chute(self.law, self.material.model.theory, p.A,
+                                       p.inertial_number, p.width, p.gravity, p.wall_fluidity)
+
+    def along(self, x):
+        """Return x1 (...) of points (2, ...), and the directions of -x2 and x1."""
+        one, zero = np.ones_like(x[0]), np.zeros_like(x[0])
+        return x[0], np.array([zero, -one]), np.array([one, zero])
 
     def observe(self, flow):
         """Return the mean shear stress of the walls, P_w, and the mean speed of falling."""

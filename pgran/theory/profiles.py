@@ -24,6 +24,8 @@ POINTS, MORE = 20, 6
 LONGEST = 1.5
 #: Error of a profile over its maximum beyond which it is refused.
 TOLERANCE = 1e-10
+#: Speeds below this share of the wall's are rest.
+TINY = 1e-12
 #: How often all panels are halved at most.
 HALVINGS = 4
 
@@ -138,6 +140,11 @@ class Profile:
     constant: object
     error: float
 
+    @property
+    def sense(self):
+        """1 where the speed grows along the profile with mu > 0, -1 where it falls, as in a ring."""
+        return -1.0 if self.flow.ring else 1.0
+
     def velocity(self, x):
         """Return the speed along the flow, d gdot0."""
         return self.panels.at(self.v, self.flow.place(x))
@@ -213,8 +220,11 @@ class Rheology:
         for _ in range(100):
             new = self._solve(flow, panels, lap, signed + 2.0 * drag * g, drag * g**2, target)
             change, g = np.abs(new - g).max(), new
-            if change <= 1e-14 * np.abs(g).max() or np.abs(g).max() < 1e-9 * target.max():
+            # Newton's method squares the error, but only halves it towards rest.
+            if change <= 1e-9 * np.abs(g).max() or np.abs(g).max() < 1e-9 * target.max():
                 break
+        else:
+            raise ValueError(f"the fluidity still changes by {change:.1e} gdot0")
         return np.zeros_like(g) if np.abs(g).max() < 1e-6 * target.max() else g
 
     def _solve(self, flow, panels, lap, k, source, target):
@@ -313,7 +323,7 @@ def _driven(rheology, make, speed):
 
     def miss(position):
         mu = law.yield_ratio + span * np.exp(position) / (1.0 + np.exp(position))
-        return np.log(rheology.speed(make(mu)) / speed)
+        return np.log(max(rheology.speed(make(mu)), TINY * speed) / speed)
 
     low = high = 0.0
     while miss(low) > 0.0:
@@ -470,15 +480,20 @@ def stopping_time(law, I0, phi, height, slope, velocity, dt, cells=100, rest=1e-
     down = np.eye(cells) - np.eye(cells, k=-1)  # v_i - v_(i-1), the wall at rest
     coupling = dt / density * (down / spacing[:, None]) @ (down.T / h)
     tau, time = np.sin(angle) * (height - np.arange(cells) * h), 0.0
+    limit = law.stress_ratio(np.full(cells, 1e12))[0]
     for _ in range(10**6):
         forced = down @ (v + dt / density * np.sin(angle)) / spacing
         for _ in range(100):
             I, slope_of_I = law.inertial_number(np.abs(tau) / P)
             miss = s * I * np.sign(tau) + coupling @ tau - forced
             change = np.linalg.solve(np.diag(s * slope_of_I / P) + coupling, miss)
-            tau = tau - change
-            if np.abs(change).max() < 1e-13 * np.abs(P).max():
+            new = tau - change
+            beyond = np.abs(new) >= limit * P  # half-way to what the law bears
+            tau = np.where(beyond, 0.5 * (tau + np.sign(new) * limit * P), new)
+            if np.abs(change).max() < 1e-10 * np.abs(P).max():  # the next one is below rounding
                 break
+        else:
+            raise ValueError("the stress of the flow that stops does not settle")
         before, v = np.abs(v).max(), v + dt / density * (np.sin(angle) - down.T @ tau / h)
         time, now = time + dt, np.abs(v).max()
         if now < rest:
