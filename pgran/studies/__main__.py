@@ -15,7 +15,7 @@ from ..cli import HELP, STOPPED, TOLD
 from ..options import Interrupted
 
 STUDIES = ("section4", "meshes", "posed", "sensitivity", "verify", "growth", "specimen", "regime",
-           "spectra", "bench", "kill", "launch")
+           "spectra", "flows", "flow_spectra", "stopping", "bench", "kill", "launch")
 
 
 def load(name):

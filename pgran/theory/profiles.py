@@ -22,8 +22,8 @@ import numpy as np
 POINTS, MORE = 20, 6
 #: Longest panel, d.
 LONGEST = 1.5
-#: Error of a profile over its maximum beyond which it is refused.
-TOLERANCE = 1e-10
+#: Error of a profile over its maximum that is aimed at, and beyond which it is refused.
+TOLERANCE, LARGEST = 1e-10, 1e-6
 #: Speeds below this share of the wall's are rest.
 TINY = 1e-12
 #: How often all panels are halved at most.
@@ -174,13 +174,20 @@ class Rheology:
     def refined(self, find):
         """Return ``find()``, a `Profile`, on panels that are halved until it is known well enough.
 
-        Raises ValueError where that does not happen.
+        Where rounding ends that, as just above a stopping height, the best one is returned. Raises
+        ValueError if its error exceeds `LARGEST`.
         """
+        best = None
         for self._halvings in range(HALVINGS + 1):
             found = find()
-            if found.error < TOLERANCE:
-                return found
-        raise ValueError(f"the profile is known to {found.error:.1e} of its maximum only")
+            if best is not None and found.error > best.error:
+                break
+            best = found
+            if best.error < TOLERANCE:
+                return best
+        if not best.error < LARGEST:
+            raise ValueError(f"the profile is known to {best.error:.1e} of its maximum only")
+        return best
 
     def panels(self, flow, n):
         """Return `Panels` of a flow with ``n`` points each."""

@@ -1,0 +1,140 @@
+"""Do the steady flows reach their one-dimensional references? flows [directory]
+
+Planar shear with gravity, the chute, the ring and the slope for LI and NGF with both laws, on
+graded meshes, and the inputs that Henann & Kamrin (2016) published. The tables have the largest
+errors of velocity and fluidity at the nodes over their maxima, and the orders from mesh to mesh.
+flow_CASE.png shows each flow beside its profile. About ten minutes on two cores.
+"""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from .. import cases
+from ..output.reading import field_of, opened, stored_parameters
+from . import launch
+from .table import Table
+
+#: Henann & Kamrin: the pressure of the plate over phi rho_s G d, phi, the plate's speed over
+#: sqrt(G d), the height of the layer and the inner radius of the ring, d.
+PLATE, PHI, SPEED, LAYER, RING = 6.67, 0.62, 1e-3, 20.0, 60.0
+#: What a graded mesh needs in the direction of the flow: two elements.
+ALONG = {"planar_shear": "width", "inclined_plane": "width", "vertical_chute": "height"}
+LAWS, MODELS = ("bingham", "jop"), ("li", "ngf")
+#: Title, case, options, element sizes (d), models.
+FLOWS = (
+    ("planar shear", "planar_shear",
+     ("-pgran_height", 10, "-pgran_gravity", 0.05, "-pgran_grading", 2),
+     (0.5, 0.25, 0.125, 0.0625), MODELS),
+    ("chute", "vertical_chute", ("-pgran_width", 10, "-pgran_gravity", 0.1, "-pgran_grading", 1.5),
+     (0.25, 0.125, 0.0625, 0.03125), MODELS),
+    ("ring", "annular_shear",
+     ("-pgran_inner_radius", 2, "-pgran_outer_radius", 4, "-pgran_grading", 1.5),
+     (0.25, 0.125, 0.0625), MODELS),
+    ("slope", "inclined_plane",
+     ("-pgran_height", 10, "-pgran_slope", 24, "-pgran_grading", 2),
+     (0.5, 0.25, 0.125, 0.0625), MODELS),
+    ("planar shear, published", "planar_shear",
+     ("-pgran_height", LAYER, "-pgran_gravity", 1.0 / PLATE, "-pgran_phi", PHI, "-pgran_grading", 2,
+      "-pgran_inertial_number", SPEED / (LAYER * np.sqrt(PLATE * PHI))),
+     (LAYER / 60, LAYER / 120, LAYER / 240), ("ngf",)),
+    ("ring, published", "annular_shear",
+     ("-pgran_inner_radius", RING, "-pgran_outer_radius", RING + 20, "-pgran_phi", PHI,
+      "-pgran_inertial_number", SPEED / RING, "-pgran_grading", 3), (2, 1), ("ngf",)))
+COLUMNS = {"flow": "", "law": "", "model": "", "element (d)": ".4g", "velocity": ".1e",
+           "order ": ".1f", "fluidity": ".1e", "order": ".1f", "Newton": "d", "s": ".1f"}
+
+
+def errors(path):
+    """Return the largest errors of the last snapshot's velocity and fluidity over their maxima.
+
+    The reference is the profile of the case. Raises ValueError where it has none.
+    """
+    with opened(path, snapshots=1) as file:
+        case = cases.create(stored_parameters(file))
+        last = sorted(file["snapshots"])[-1]
+        x, v = (np.moveaxis(field_of(file, last, name), 2, 0)
+                for name in ("coordinates", "velocity"))
+        g = field_of(file, last, "fluidity")
+    velocity, fluidity, _, _ = case.steady(case.profile(), x)
+    return tuple(float(np.abs(found - exact).max() / np.abs(exact).max())
+                 for found, exact in ((v, velocity), (g, fluidity)))
+
+
+def mesh(case, size):
+    """Return the options of a mesh of elements of ``size``, d, two of them along the flow."""
+    along = ALONG.get(case)
+    return ("-pgran_element_size", size, *((f"-pgran_{along}", 2 * size) if along else ()))
+
+
+def steady(path, case, size, *options):
+    """Find a steady flow on elements of ``size``, d; return the root attributes of its result."""
+    return launch.run(path, f"options/{case}.opts", *launch.QUIET, *mesh(case, size), *options,
+                      needed=False)
+
+
+def main(directory="results/flows", *, options=()):
+    """Make the runs, the table and the pictures."""
+    directory = Path(directory)
+    table = Table(directory / "flows.csv", COLUMNS)
+    for title, case, given, sizes, models in FLOWS:
+        for law in LAWS:
+            for model in models:
+                before = None
+                for size in sizes:
+                    name = f"{title}_{law}_{model}_{size:.4g}".replace(" ", "_").replace(",", "")
+                    took = steady(directory / f"{name}.h5", case, size, *given, "-pgran_law", law,
+                                  "-pgran_model", model, *options)
+                    if took is None:
+                        table.note(title, law, model, f"{size:.4g}")
+                        continue
+                    found = errors(directory / f"{name}.h5")
+                    orders = [None, None] if before is None else [
+                        float(np.log2(a / b)) for a, b in zip(before, found)]
+                    before = found
+                    table.row(title, law, model, size, found[0], orders[0], found[1], orders[1],
+                              took["newton_iterations"], took["seconds"])
+    table.close()
+    for case in sorted({case for _, case, *_ in FLOWS}):
+        path = directory / f"{case}.h5"
+        launch.run(path, f"options/{case}.opts", *launch.QUIET, *options)
+        draw(path, directory / f"flow_{case}.png")
+
+
+def draw(path, target):
+    """Draw speed and inertial number of a result, and its profile beside the reference."""
+    import matplotlib
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    with h5py.File(path, "r") as file:
+        case = cases.create(stored_parameters(file))
+        last = sorted(file["snapshots"])[-1]
+        x, v, g, I = (field_of(file, last, name) for name in (
+            "coordinates", "velocity", "fluidity", "inertial_number"))
+        # The last nodes of a grid that closes on itself neighbour the first ones.
+        wraps = [(0, int(wrap)) for wrap in reversed(file.attrs["closed"])]
+    x, v = np.moveaxis(x, 2, 0), np.moveaxis(v, 2, 0)
+    place, along, _ = case.along(x)
+    speed, profile = (v * along).sum(axis=0), case.profile()
+    figure, axes = plt.subplots(1, 4, figsize=(12.0, 3.4), constrained_layout=True)
+    for panel, field, label in zip(axes, (speed, I), ("speed / $d\\,\\dot\\gamma_0$", "I")):
+        image = panel.pcolormesh(*(np.pad(part, wraps, mode="wrap") for part in (*x, field)),
+                                 shading="gouraud", cmap="viridis")
+        figure.colorbar(image, ax=panel, label=label)
+        panel.set(xlabel="$x_1/d$", ylabel="$x_2/d$", aspect="equal")
+    line = np.linspace(place.min(), place.max(), 400)
+    order = np.argsort(place.ravel())
+    for panel, field, exact, label in (
+            (axes[2], speed, profile.velocity(line), "speed / $d\\,\\dot\\gamma_0$"),
+            (axes[3], g, profile.fluidity(line), "$g/\\dot\\gamma_0$")):
+        panel.plot(line, exact, "k", lw=1, label="one-dimensional problem")
+        panel.plot(place.ravel()[order][::7], field.ravel()[order][::7], ".", ms=3,
+                   color="tab:red", label="finite elements")
+        panel.set(xlabel="position across the flow / d", ylabel=label)
+    axes[3].set_yscale("log")
+    axes[2].legend(fontsize=7)
+    figure.savefig(target, dpi=110)
+    plt.close(figure)
+    print(target)

@@ -1,0 +1,120 @@
+"""When does a layer on a slope stop? The primitive form of NGF: stopping [directory]
+
+H_stop over the slope in three ways: the closed form (pi/2) xi(mu); the height at which the fluidity
+of steady flow goes to zero; and the height at which the leading eigenvalue of the layer at rest,
+g = 0, changes its sign in the solver's own Jacobian. Then layers that start almost at rest and from
+flow, thinner and thicker than H_stop. About five minutes on two cores.
+"""
+
+import json
+import subprocess
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from .. import cases
+from ..theory import profiles
+from . import launch
+from .flows import errors
+from .table import Table
+
+SLOPES = 22, 23, 24, 25, 26, 28, 30
+#: Elements across the layer.
+ELEMENTS = 24
+#: Heights over H_stop at which flow and rest are looked at.
+FLOWING, RESTING = (1.02, 1.04, 1.06, 1.08), (0.95, 1.05)
+#: Time in which the layer at rest may deform elastically, 1/gdot0. The eigenvalue does not depend on
+#: it, but what rounding leaves of a very stiff layer hides it.
+SOFT = 1.0
+#: Relaxation time, 1/gdot0, and heights over H_stop of layers that are followed in time.
+TIME, FOLLOWED = 1.0, (0.9, 0.98, 1.02, 1.1)
+#: Fluidity at the start over that of the reference flow: almost at rest, and flowing.
+STARTS = 1e-6, 1.0
+FILE = "options/inclined_plane.opts"
+
+
+def layer(slope, height, *options):
+    """Return the options of a layer of the primitive form."""
+    side = float(height) / ELEMENTS
+    return ("-pgran_model", "ngf_primitive", "-pgran_relaxation_time", TIME, "-pgran_slope", slope,
+            "-pgran_grading", 1, "-pgran_height", float(height), "-pgran_element_size", side,
+            "-pgran_width", 2 * side, *launch.QUIET, *options)
+
+
+def last(path, name):
+    """Return a field of the last snapshot of a result."""
+    with h5py.File(path, "r") as file:
+        return file["snapshots"][sorted(file["snapshots"])[-1]][name][...]
+
+
+def flowing(directory, slope, known, *options):
+    """Return the height, d, at which the largest fluidity of steady flow goes to zero.
+
+    It is extrapolated by the polynomial through the heights `FLOWING`. Returns also the largest
+    error of velocity among them, over its maximum.
+    """
+    largest, far = [], []
+    for share in FLOWING:
+        path = directory / f"flow_{slope}_{share:g}.h5"
+        launch.run(path, FILE, *layer(slope, share * known), *options)
+        largest.append(last(path, "fluidity").max())
+        far.append(errors(path)[0])
+    # Height as a polynomial of the fluidity, at the fluidity zero.
+    return known * float(np.polyfit(largest, FLOWING, len(FLOWING) - 1)[-1]), max(far)
+
+
+def resting(directory, slope, known, *options):
+    """Return the height, d, at which the leading eigenvalue of rest changes its sign.
+
+    The eigenvalue is linear in 1/H^2, so that two heights are enough.
+    """
+    rates = []
+    for share in RESTING:
+        path = directory / f"rest_{slope}_{share:g}.h5"
+        launch.run(path, FILE, *layer(slope, share * known), "-ts_type", "beuler",
+                   "-pgran_start_fluidity", 0, "-pgran_end_time", 1, *options)
+        rows = json.loads(launch.python(1, "-m", "pgran.eigen", "-pgran_restart", path, "-json",
+                                        "-pgran_steady_time", SOFT,
+                                        stdout=subprocess.PIPE, text=True).stdout)
+        rates.append(rows[0]["computed"])
+    inverse = np.interp(0.0, rates, [share**-2 for share in RESTING])
+    return known / float(np.sqrt(inverse))
+
+
+def followed(directory, slope, height, start, *options):
+    """Return the largest fluidity at the start and at the end of a layer followed in time."""
+    path = directory / f"time_{slope}_{height:.3f}_{start:g}.h5"
+    # The rate near H_stop is K (1 - (H_stop/H)^2)/t0: the end is long after.
+    launch.run(path, FILE, *layer(slope, height), "-ts_type", "beuler", "-ts_max_steps", 100000,
+               "-pgran_start_fluidity", start, "-pgran_step_max", 20, "-pgran_end_time", 3000,
+               "-pgran_rest_speed", 0, "-pgran_snapshots", 1e-3, *options)
+    with h5py.File(path, "r") as file:
+        return [file["snapshots"][name]["fluidity"][...].max() for name in ("0000", "0001")]
+
+
+def main(directory="results/stopping", *, options=()):
+    """Make the runs and the tables."""
+    directory = Path(directory)
+    case = cases.create(launch.asked(FILE, *layer(SLOPES[0], 10.0)))
+    amplitude, known = case.parameters.A, {}
+    table = Table(directory / "stopping.csv", {
+        "slope": "g", "closed form (d)": ".5f", "end of flow (d)": ".5f", "apart": ".1e",
+        "zero of the eigenvalue (d)": ".5f", "apart ": ".1e", "error of velocity": ".1e"})
+    for slope in SLOPES:
+        known[slope] = profiles.stopping_height(case.law, amplitude, slope)
+        end, far = flowing(directory, slope, known[slope], *options)
+        zero = resting(directory, slope, known[slope], *options)
+        table.row(slope, known[slope], end, end / known[slope] - 1.0, zero,
+                  zero / known[slope] - 1.0, far)
+    table = Table(directory / "followed.csv", {
+        "slope": "g", "H/H_stop": "g", "start": "g", "g at the start": ".2e", "g at the end": ".2e",
+        "g of theory": ".2e"})
+    for slope in (24, 28):
+        for share in FOLLOWED:
+            for start in STARTS:
+                height = share * known[slope]
+                profile = profiles.inclined_plane(case.law, "ngf_primitive", amplitude, 1.0, height,
+                                                  slope)
+                table.row(slope, share, start,
+                          *followed(directory, slope, height, start, *options), profile.g.max())
