@@ -14,8 +14,8 @@ import sys
 from ..cli import HELP, STOPPED, TOLD
 from ..options import Interrupted
 
-STUDIES = ("section4", "meshes", "posed", "sensitivity", "verify", "growth", "specimen", "regime",
-           "spectra", "bench", "kill", "launch")
+STUDIES = ("section4", "meshes", "posed", "sensitivity", "verify", "growth", "specimen",
+           "primitive", "regime", "spectra", "bench", "kill", "launch")
 
 
 def load(name):
