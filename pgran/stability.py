@@ -135,8 +135,8 @@ def specimen_answer(parameters, asked):
     given = cases.create(parameters).specimen
     if given is None:
         raise OptionError("-specimen: the closed form holds for a specimen between slipping plates "
-                          f"with the models ngf and li, not for -pgran_case {parameters.case} "
-                          "with these options")
+                          f"with the models {', '.join(specimen.MODELS)}, not for "
+                          f"-pgran_case {parameters.case} with these options")
     rate = complex(specimen.growth_rate(**given, half_waves=asked.half_waves,
                                         parity=asked.parity))
     answer = {"width": given["width"], "height": given["height"],

@@ -157,6 +157,23 @@ def test_primitive_source_is_smooth_through_yield(law):
 
 
 @pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
+def test_negative_fluidity_returns_to_zero_at_every_stress(law):
+    mu, g = np.meshgrid([0.0, 0.3, law.mu_s, 0.5], -np.geomspace(1e-6, 1e3, 20))
+    P, size = np.full_like(g, 1.5), 1e-6
+
+    def source(mu, g):
+        return MODELS["ngf_primitive"].source(law, 10.0 * np.sqrt(P), mu, P, g)
+
+    F = source(mu, g)
+    assert (F.value < 0.0).all() and (F.fluidity > 0.0).all()
+    high, low = (source(mu, g * factor).value for factor in (1.0 + size, 1.0 - size))
+    np.testing.assert_allclose((high - low) / (2.0 * size * g), F.fluidity, rtol=1e-6)
+    smooth = mu != law.mu_s
+    high, low = (source(mu + step, g).value for step in (size, -size))
+    np.testing.assert_allclose(((high - low) / (2.0 * size))[smooth], F.rate[smooth], rtol=1e-6)
+
+
+@pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
 def test_no_fluidity_is_a_primitive_solution_at_every_stress(law):
     P, theta = np.full(60, 1.5), 0.5
     gdot = np.append(0.0, np.geomspace(1e-6, 0.64, 59)) * theta * P  # mu up to nearly mu_2

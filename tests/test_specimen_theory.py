@@ -29,11 +29,12 @@ class Transfer:
     """
 
     def __init__(self, law, model, r, *, inertial_number, width, height, half_waves=1,
-                 parity="sway", amplitude=0.48, density=0.0, shear_modulus=None):
+                 parity="sway", amplitude=0.48, density=0.0, shear_modulus=None,
+                 relaxation_time=0.0):
         mu = float(law.stress_ratio(np.asarray(inertial_number))[0])
         I, slope = (mpmath.mpf(float(part)) for part in law.inertial_number(np.asarray(mu)))
         self.k, self.L = half_waves * mpmath.pi / height, mpmath.mpf(width)
-        self.sign, self.nonlocal_ = (1 if parity == "sway" else -1), model == "ngf"
+        self.sign, self.nonlocal_ = (1 if parity == "sway" else -1), model != "li"
         mu, k = mpmath.mpf(mu), self.k
         P, s = 1 / (1 - mu), 1 / mpmath.mpf(inertial_number)
         tau, g = mu * P, s * I / mu
@@ -66,6 +67,8 @@ class Transfer:
         rows["g"] = unit["slope"]
         rows["slope"] = k**2 * unit["g"] + c / mpmath.mpf(amplitude)**2 * (
             unit["g"] - local[0] * shear - local[1] * pressure)
+        rows["slope"] = rows["slope"] + relaxation_time * self.r / mpmath.mpf(
+            amplitude)**2 * unit["g"]
         size = 6 if self.nonlocal_ else 4
         self.M = mpmath.matrix([list(row[:size]) for row in list(rows.values())[:size]])
         self.pressure, self.local, self.shear = pressure, local, shear
@@ -114,7 +117,7 @@ def exact(law, model, guess, arguments):
     def excess(r):
         return Transfer(law, model, r, **arguments).excess()
 
-    if not arguments.get("density") and not arguments.get("shear_modulus"):
+    if not any(arguments.get(name) for name in ("density", "shear_modulus", "relaxation_time")):
         return complex(excess(mpmath.mpf(0)))
     guess = mpmath.mpmathify(guess)
     return complex(mpmath.findroot(excess, (guess, guess * (1 + mpmath.mpf(10)**-6)),
@@ -148,6 +151,10 @@ CASES = [
     (BINGHAM, "li", {"shear_modulus": 100.0}),
     (BINGHAM, "li", {"shear_modulus": 1000.0, "density": DENSITY}),
     (JOP, "ngf", {"shear_modulus": 1000.0, "density": 100 * DENSITY, "inertial_number": 0.01}),
+    (BINGHAM, "ngf_primitive", {"relaxation_time": 1e-3}),
+    (JOP, "ngf_primitive", {"relaxation_time": 1e-5, "shear_modulus": 100.0}),
+    (BINGHAM, "ngf_primitive", {"relaxation_time": 1e-3, "parity": "barrel", "half_waves": 2,
+                                "density": DENSITY}),
 ]
 
 
@@ -162,7 +169,7 @@ def test_digits_stay_where_roots_of_the_characteristic_equation_meet():
     """They meet between H = 20 and 25 d: complex below, real above."""
     def roots(height):
         across = specimen._Across.of(BINGHAM, "ngf", 0.001, 40.0, height, 1, "sway", 0.48, 0.0,
-                                     None)
+                                     None, None)
         return specimen._roots(across.polynomials(0.0)[-1])
 
     low, high = 10.0, 25.0
@@ -177,7 +184,7 @@ def test_digits_stay_where_roots_of_the_characteristic_equation_meet():
 
 
 @pytest.mark.parametrize("law, model, more", [
-    CASES[0], CASES[1], CASES[3], CASES[7], CASES[10], CASES[12], CASES[15]], ids=str)
+    CASES[0], CASES[1], CASES[3], CASES[7], CASES[10], CASES[12], CASES[15], CASES[18]], ids=str)
 def test_modes_are_those_of_a_transfer_matrix(law, model, more):
     arguments = {**SPECIMEN, **more}
     half = arguments["width"] / 2.0
@@ -211,6 +218,12 @@ def test_little_inertia_and_elasticity_change_little():
         assert rate(**more) == pytest.approx(rigid, rel=1e-5)
 
 
+def test_the_primitive_form_grows_more_slowly_and_as_fast_without_relaxation_time():
+    rates = [rate(model="ngf_primitive", relaxation_time=t0) for t0 in (1e-11, 1e-6, 1e-4, 1e-2)]
+    assert rates[0] == pytest.approx(rate(), rel=1e-5)
+    assert rates == sorted(rates, reverse=True) and rates[-1] > 0.0
+
+
 def test_elasticity_raises_growth_until_the_specimen_buckles_at_once():
     rates = [rate(shear_modulus=G) for G in (1e5, 1e3, 100.0, 10.0, 6.0)]
     assert rates == sorted(rates)
@@ -223,17 +236,22 @@ def test_inertia_makes_a_barrel_oscillate():
     assert found.real < 0.0 < found.imag
 
 
-@pytest.mark.parametrize("model", ["ngf", "li"])
-def test_a_slender_specimen_sways_as_a_column_that_creeps(model):
+@pytest.mark.parametrize("model, more", [
+    ("ngf", {}), ("li", {}), ("ngf_primitive", {"relaxation_time": 1e-8})], ids=str)
+def test_a_slender_specimen_sways_as_a_column_that_creeps(model, more):
     for density in (0.0, 1e-12):
-        wide = {"inertial_number": 0.001, "width": 100.0, "height": 6000.0, "density": density}
+        wide = {"inertial_number": 0.001, "width": 100.0, "height": 6000.0, "density": density,
+                **more}
         assert rate(model=model, **wide) == pytest.approx(
             column_growth_rate(BINGHAM, model, **wide), rel=0.01)
     assert column_growth_rate(BINGHAM, "ngf", **SPECIMEN) == pytest.approx(457.8, abs=0.05)
 
 
 @pytest.mark.parametrize("more, message", [
-    ({"model": "ig"}, "model ig: allowed is ngf | li"),
+    ({"model": "ig"}, "model ig: allowed is ngf | ngf_primitive | li"),
+    ({"model": "ngf_primitive"}, "relaxation time: the model ngf_primitive needs one"),
+    ({"relaxation_time": 1.0}, "relaxation time: the model ngf has none"),
+    ({"model": "ngf_primitive", "relaxation_time": 0.0}, "time 0.0: allowed is a number > 0"),
     ({"parity": "left"}, "parity left: allowed is sway | barrel"),
     ({"half_waves": 0}, "half waves 0: allowed is an integer >= 1"),
     ({"half_waves": 1.5}, "half waves 1.5: allowed is an integer >= 1"),

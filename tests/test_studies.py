@@ -24,6 +24,7 @@ from pgran.studies import (
     launch,
     meshes,
     posed,
+    primitive,
     regime,
     section4,
     sensitivity,
@@ -332,6 +333,25 @@ def test_well_posed_and_ill_posed_laws_are_compared(tmp_path):
     for first, second in (rows[:2], rows[2:]):
         assert first["over L2 norm (%)"] == "" and float(second["over L2 norm (%)"]) > 0.0
         assert float(second["I from"]) < float(second["I to"]) and second["bands"]
+
+
+def test_forms_of_ngf_are_compared(tmp_path, monkeypatch):
+    monkeypatch.setattr(primitive, "SHARES", (None, 1e-4))
+    monkeypatch.setattr(primitive, "GROWTH", 0.01)  # too short for anything to grow
+    primitive.main("4", tmp_path, options=TINY)
+    steady, relaxing = table(tmp_path / "rates.csv")
+    for row in (steady, relaxing):
+        assert float(row["linearised step"]) == pytest.approx(float(row["closed form"]), rel=0.05)
+        assert row["nonlinear run"] == row["for the shape then"] == ""
+    assert float(relaxing["t0 (1/gdot0)"]) * float(steady["closed form"]) == pytest.approx(
+        1e-4, rel=1e-3)
+    for rate in ("wave", "column", "closed form"):
+        assert 0.0 < float(relaxing[rate]) < float(steady[rate])
+    rows = table(tmp_path / "primitive.csv")
+    assert [row["t0/T"] for row in rows] == ["steady form"] * 2 + ["0.0001"] * 2
+    assert float(rows[1]["difference (%)"]) == 0.0 < float(rows[3]["difference (%)"]) < 1.0
+    assert all(row["onset (%)"] == "" and float(row["calm I/I0"]) > 0.9 for row in rows)
+    assert (tmp_path / "primitive.png").stat().st_size > 10000
 
 
 def test_the_map_of_regimes_is_drawn(tmp_path, monkeypatch):

@@ -58,6 +58,9 @@ def test_jacobian_is_the_derivative_of_the_residual(case, model, law, regime, th
                        body_force="0.2,-0.1", **SHAPES[case], **LAWS[law])
     grid = form.grid
     x, local = state(form, regime)
+    if model == "ngf_primitive" and regime == "loading":  # its F has a kink at g = 0
+        local = local + grid.join(np.zeros_like(x), np.full(grid.nodes.size, 0.01),
+                                  np.zeros(grid.corners.size))
     step = at_rest(form, x, theta, 0.1, form.no_stress() + 0.02)
     step.prescribed = REGIMES[regime][0] * step.prescribed
     step.prescribed_rate = np.where(np.isnan(step.prescribed), np.nan, 0.3)

@@ -71,13 +71,14 @@ class Biaxial(PureShear):
 
     @property
     def specimen(self):
-        """Law, shape and density of the specimen, if the plates let it slip."""
+        """Law, shape, density and t0 of the specimen, if the plates let it slip."""
         p, material = self.parameters, self.material
         if not p.plates_slip or material.model.theory not in specimen.MODELS:
             return None
         return {"law": self.law, "model": material.model.theory,
                 "inertial_number": p.inertial_number, "width": p.width, "height": p.height,
-                "amplitude": p.A, "density": material.bulk_density if p.inertia else 0.0}
+                "amplitude": p.A, "density": material.bulk_density if p.inertia else 0.0,
+                "relaxation_time": material.model.storage.get("fluidity")}
 
     @property
     def shape(self):

@@ -339,15 +339,15 @@ def write_xdmf(path, shape, snapshots, fields, closed=(False, False)):
     """
     path = Path(path)
     size = " ".join(map(str, shape))
-    topology = f'<Topology TopologyType="2DSMesh" Dimensions="{size}"/>'
+    topology, points = f'<Topology TopologyType="2DSMesh" Dimensions="{size}"/>', shape
     if any(closed):
-        count = len(cells(shape, closed))
+        count, points = len(cells(shape, closed)), (shape[0] * shape[1],)
         topology = (f'<Topology TopologyType="Quadrilateral" NumberOfElements="{count}">'
                     f'<DataItem Dimensions="{count} 4" NumberType="Int" Precision="8" '
                     f'Format="HDF">{quoteattr(path.name)[1:-1]}:/cells</DataItem></Topology>')
 
     def item(name, group, components):
-        dimensions = " ".join(map(str, (*shape, *components)))
+        dimensions = " ".join(map(str, (*points, *components)))
         target = quoteattr(f"{path.name}:/snapshots/{group}/{name}")[1:-1]
         return (f'<DataItem Dimensions="{dimensions}" NumberType="Float" Precision="8" '
                 f'Format="HDF">{target}</DataItem>')

@@ -26,7 +26,9 @@ ELEMENTS = 24
 FLOWING, RESTING = (1.02, 1.04, 1.06, 1.08), (0.95, 1.05)
 #: Time in which the layer at rest may deform elastically, 1/gdot0. The eigenvalue does not depend on
 #: it, but what rounding leaves of a very stiff layer hides it.
-SOFT = 1.0
+SOFT = 0.01
+#: Its shear modulus, phi rho_s G d: what the turning of the stress does to mu must not matter.
+RIGID = 1e5
 #: Relaxation time, 1/gdot0, and heights over H_stop of layers that are followed in time.
 TIME, FOLLOWED = 1.0, (0.9, 0.98, 1.02, 1.1)
 #: Fluidity at the start over that of the reference flow: almost at rest, and flowing.
@@ -38,7 +40,7 @@ def layer(slope, height, *options):
     """Return the options of a layer of the primitive form."""
     side = float(height) / ELEMENTS
     return ("-pgran_model", "ngf_primitive", "-pgran_relaxation_time", TIME, "-pgran_slope", slope,
-            "-pgran_grading", 1, "-pgran_height", float(height), "-pgran_element_size", side,
+            "-pgran_grading", 2, "-pgran_height", float(height), "-pgran_element_size", side,
             "-pgran_width", 2 * side, *launch.QUIET, *options)
 
 
@@ -73,7 +75,8 @@ def resting(directory, slope, known, *options):
     for share in RESTING:
         path = directory / f"rest_{slope}_{share:g}.h5"
         launch.run(path, FILE, *layer(slope, share * known), "-ts_type", "beuler",
-                   "-pgran_start_fluidity", 0, "-pgran_end_time", 1, *options)
+                   "-pgran_start_fluidity", 0, "-pgran_shear_modulus", RIGID, "-pgran_end_time", 1,
+                   *options)
         rows = json.loads(launch.python(1, "-m", "pgran.eigen", "-pgran_restart", path, "-json",
                                         "-pgran_steady_time", SOFT,
                                         stdout=subprocess.PIPE, text=True).stdout)

@@ -18,8 +18,8 @@ tau = mu P:
     A^2 d^2 lap g' = (A^2 d^2/xi^2) (g' - g_loc'),      g_loc = s I_loc(mu)/mu          (2.5)
 
 G is the modulus of the Maxwell element, and 2 eta0 w is the Jaumann rate of the stress of the
-base flow. LI has g' = g_loc' instead of the last equation. A face that is displaced by zeta turns
-its load with it:
+base flow. LI has g' = g_loc' instead of the last equation, and the primitive form of NGF adds
+t0 r g' to its right-hand side. A face that is displaced by zeta turns its load with it:
 
     sigma_11 = 0,    g',1 = 0,    sigma_12 = -2 mu P0 zeta,2,    r zeta = zeta/2 + v1
 
@@ -38,7 +38,7 @@ the amplitudes (v1,1, P', eta0 g') are (2 q, N, F/(m mu)) with
 where q are the three roots, for LI two, of
 
     (1 + m beta) F - m mu (1/2 - m beta r eta0/G) N - 4 m^2 beta eta0 q
-        - A^2 d^2 (q - 1) F/(A^2 d^2/xi^2) = 0,             beta = mu/(I0 mu_loc'(I0)) - 1
+        - [A^2 d^2 (q - 1) - t0 r] F/(A^2 d^2/xi^2) = 0,    beta = mu/(I0 mu_loc'(I0)) - 1
 
 and sigma_11 = 2 (W + R+), sigma_12 = -2 sqrt(q) W. The conditions at one face fix the weights of
 the roots.
@@ -52,7 +52,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
-MODELS = "ngf", "li"
+MODELS = "ngf", "ngf_primitive", "li"
 #: Both faces displaced the same way, or opposite ways.
 PARITIES = "sway", "barrel"
 #: Roots whose exponentials differ over half a width by less than this exponent share a block.
@@ -65,11 +65,11 @@ TRUST = 0.01
 
 
 def growth_rate(law, model, *, inertial_number, width, height, half_waves=1, parity="sway",
-                amplitude=0.48, density=0.0, shear_modulus=None):
+                amplitude=0.48, density=0.0, shear_modulus=None, relaxation_time=None):
     """Return the growth rate of one sine wave along the specimen.
 
-    Rigid-viscous quasi-static flow has one growth rate for each wave and parity. Inertia and
-    elasticity add others; this is the one with the largest real part. Chebyshev collocation
+    Rigid-viscous quasi-static flow has one growth rate for each wave and parity. Inertia,
+    elasticity and t0 add others; this is the one with the largest real part. Chebyshev collocation
     finds it among all of them and the exact solution corrects it. Without inertia, elastic stress
     also relaxes in ever shorter waves, at rates that accumulate at -(1 - mu) G/(mu P0); these do
     not count.
@@ -77,10 +77,10 @@ def growth_rate(law, model, *, inertial_number, width, height, half_waves=1, par
     Parameters
     ----------
     law : object
-        It has ``stress_ratio(I)``, which returns mu_loc and its derivative, and, for the model
-        ngf, ``inverse_length_squared(mu)``, which returns A^2 d^2/xi^2 and its derivative.
+        It has ``stress_ratio(I)``, which returns mu_loc and its derivative, and, for both forms
+        of NGF, ``inverse_length_squared(mu)``, which returns A^2 d^2/xi^2 and its derivative.
     model : str
-        ngf or li.
+        One of `MODELS`.
     inertial_number : float
         I0 of the homogeneous flow.
     width, height : float
@@ -95,6 +95,8 @@ def growth_rate(law, model, *, inertial_number, width, height, half_waves=1, par
         phi rho_s = phi I0^2 P0, |sigma_1|/(d gdot0)^2; 0 is quasi-static flow.
     shear_modulus : float or None
         G, |sigma_1|; None or infinity is rigid.
+    relaxation_time : float or None
+        t0 of ngf_primitive, 1/gdot0; None for the other models.
 
     Returns
     -------
@@ -109,7 +111,7 @@ def growth_rate(law, model, *, inertial_number, width, height, half_waves=1, par
         If the exact solution does not confirm the collocated growth rate.
     """
     return _Across.of(law, model, inertial_number, width, height, half_waves, parity, amplitude,
-                      density, shear_modulus).growth_rate()
+                      density, shear_modulus, relaxation_time).growth_rate()
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,7 @@ def mode(x1, law, model, **specimen):
         growth rate is.
     """
     arguments = {"half_waves": 1, "parity": "sway", "amplitude": 0.48, "density": 0.0,
-                 "shear_modulus": None, **specimen}
+                 "shear_modulus": None, "relaxation_time": None, **specimen}
     across = _Across.of(law, model, **arguments)
     x1 = np.asarray(x1, dtype=float)
     if not (np.abs(x1) <= across.half * across.length * (1.0 + 1e-12)).all():
@@ -163,22 +165,22 @@ def mode(x1, law, model, **specimen):
 
 
 def column_growth_rate(law, model, *, inertial_number, width, height, half_waves=1,
-                       amplitude=0.48, density=0.0):
+                       amplitude=0.48, density=0.0, relaxation_time=None):
     """Return the growth rate at which a specimen sways as a column does that creeps.
 
     It leans in ``half_waves`` n half sine waves, k = n pi/H. The plates press with N beyond the
     lateral stress; E is the tangent viscosity of the axial stress::
 
         phi rho_s L r^2 + E (L^3/12) k^4 r - N k^2 = 0,    N = (|sigma_2| - |sigma_1|) L = 2 mu P0 L
-        E = 4 M P0^2/|sigma_1|,    M = I0 mu_loc'(I0) + A^2 d^2 (12/L^2 + k^2)
+        E = 4 M P0^2/|sigma_1|,    M = I0 mu_loc'(I0) + A^2 d^2 (12/L^2 + k^2) + t0 r
 
     For NGF a fluidity that varies across the width ends at faces without flux, in layers of
-    A d/sqrt(mu), and this adds the 12/L^2 to bending. LI has no such term. The formula is good
-    for H >= 3 L.
+    A d/sqrt(mu), and this adds the 12/L^2 to bending. LI has no such term. t0, which only
+    the primitive form has, delays growth as inertia does. The formula is good for H >= 3 L.
 
     Parameters
     ----------
-    law, model, inertial_number, width, height, half_waves, amplitude, density
+    law, model, inertial_number, width, height, half_waves, amplitude, density, relaxation_time
         As for `growth_rate`.
 
     Returns
@@ -191,18 +193,19 @@ def column_growth_rate(law, model, *, inertial_number, width, height, half_waves
     ValueError
         If an argument is out of bounds.
     """
-    _check(model, inertial_number, width, height, half_waves, amplitude, density)
+    _check(model, inertial_number, width, height, half_waves, amplitude, density, relaxation_time)
     mu, slope = _stress_ratio(law, inertial_number)
     P, L, k = 1.0 / (1.0 - mu), width, half_waves * np.pi / height
     M = inertial_number * slope
-    if model == "ngf":
+    if model != "li":
         M = M + amplitude**2 * (12.0 / L**2 + k**2)
-    bending, load = 4.0 * M * P**2 * L**3 / 12.0 * k**4, 2.0 * mu * P * L * k**2
-    # The positive root, in the form that needs no inertia.
-    return float(2.0 * load / (bending + np.sqrt(bending**2 + 4.0 * density * L * load)))
+    stiffness, load = 4.0 * P**2 * L**3 / 12.0 * k**4, 2.0 * mu * P * L * k**2
+    bending, delay = M * stiffness, density * L + (relaxation_time or 0.0) * stiffness
+    # The positive root, in the form that needs neither inertia nor t0.
+    return float(2.0 * load / (bending + np.sqrt(bending**2 + 4.0 * delay * load)))
 
 
-def _check(model, inertial_number, width, height, half_waves, amplitude, density):
+def _check(model, inertial_number, width, height, half_waves, amplitude, density, relaxation_time):
     """Raise `ValueError` for an argument out of bounds."""
     if model not in MODELS:
         raise ValueError(f"model {model}: allowed is {' | '.join(MODELS)}")
@@ -214,6 +217,11 @@ def _check(model, inertial_number, width, height, half_waves, amplitude, density
         raise ValueError(f"half waves {half_waves}: allowed is an integer >= 1")
     if not 0.0 <= density < np.inf:
         raise ValueError(f"density {density}: allowed is a number >= 0")
+    if (model == "ngf_primitive") != (relaxation_time is not None):
+        raise ValueError(f"relaxation time: the model {model} "
+                         f"{'needs one' if relaxation_time is None else 'has none'}")
+    if relaxation_time is not None and not 0.0 < relaxation_time < np.inf:
+        raise ValueError(f"relaxation time {relaxation_time}: allowed is a number > 0")
 
 
 def _stress_ratio(law, inertial_number):
@@ -238,6 +246,8 @@ class _Across:
         mu, eta0 = mu P0 and mu/(I0 mu_loc'(I0)) - 1.
     spread : float or None
         xi^2 k^2; None for LI.
+    relaxation : float
+        t0 over A^2 d^2/xi^2, 1/gdot0; 0 but for the primitive form.
     density : float
         phi rho_s/k^2, |sigma_1|/gdot0^2.
     softness : float
@@ -254,6 +264,7 @@ class _Across:
     viscosity: float
     beta: float
     spread: object
+    relaxation: float
     density: float
     softness: float
     half: float
@@ -262,25 +273,28 @@ class _Across:
 
     @classmethod
     def of(cls, law, model, inertial_number, width, height, half_waves, parity, amplitude, density,
-           shear_modulus):
+           shear_modulus, relaxation_time):
         """Return the system for the arguments of `growth_rate`. Raises `ValueError`."""
-        _check(model, inertial_number, width, height, half_waves, amplitude, density)
+        _check(model, inertial_number, width, height, half_waves, amplitude, density,
+               relaxation_time)
         if parity not in PARITIES:
             raise ValueError(f"parity {parity}: allowed is {' | '.join(PARITIES)}")
         mu, slope = _stress_ratio(law, inertial_number)
-        k, spread, viscosity = half_waves * np.pi / height, None, mu / (1.0 - mu)
+        k, viscosity = half_waves * np.pi / height, mu / (1.0 - mu)
+        spread, relaxation = None, 0.0
         if shear_modulus is not None and not shear_modulus > viscosity:
             # With the Jaumann rate, elastic waves along x2 then have no real speed.
             raise ValueError(f"shear modulus {shear_modulus}: allowed is a number above mu P0, "
                              f"{viscosity:.4g}, or None")
-        if model == "ngf":
+        if model != "li":
             if getattr(law, "inverse_length_squared", None) is None:
                 raise ValueError(f"the law {type(law).__name__} has no cooperativity length, so "
                                  "that NGF is not defined with it; allowed is the model li")
-            spread = (amplitude * k)**2 / float(law.inverse_length_squared(np.asarray(mu))[0])
+            inverse = float(law.inverse_length_squared(np.asarray(mu))[0])
+            spread, relaxation = (amplitude * k)**2 / inverse, (relaxation_time or 0.0) / inverse
         softness = 0.0 if shear_modulus is None else viscosity / shear_modulus
-        return cls(mu, viscosity, mu / (inertial_number * slope) - 1.0, spread, density / k**2,
-                   softness, k * width / 2.0, parity == "sway", 1.0 / k)
+        return cls(mu, viscosity, mu / (inertial_number * slope) - 1.0, spread, relaxation,
+                   density / k**2, softness, k * width / 2.0, parity == "sway", 1.0 / k)
 
     # The exact solution at one growth rate
 
@@ -299,7 +313,8 @@ class _Across:
                           - np.array([0.0, 4.0 * beta * viscosity, 0.0]))
         if self.spread is not None:
             characteristic = polynomial.polysub(
-                characteristic, self.spread * polynomial.polymul([-1.0, 1.0], F))
+                characteristic, polynomial.polymul(
+                    [-self.spread - self.relaxation * r, self.spread], F))
         return W, polynomial.polyadd(W, [above]), N, F / local, characteristic
 
     def blocks(self, r, x):
@@ -354,9 +369,9 @@ class _Across:
 
     def growth_rate(self):
         """Return r, as `growth_rate` does."""
-        if not (self.density or self.softness):
+        if not (self.density or self.softness or self.relaxation):
             return float(self.response(0.0).real)
-        if not self.density:
+        if self.softness and not self.density:
             # An elastic specimen under more than its critical load moves faster than any rate.
             fast = 1e9 / self.softness
             if self.response(fast).real >= fast:
@@ -458,7 +473,8 @@ class _Across:
             for term, coefficient in local.items():
                 flow[term] -= mu * coefficient
         else:
-            equation(points, {}, {(g, 2): self.spread, (g, 0): -self.spread - 1.0, **local})
+            equation(points, {(g, 0): self.relaxation},
+                     {(g, 2): self.spread, (g, 0): -self.spread - 1.0, **local})
             equation(face, {}, {(g, 1): 1.0})
             flow[g, 0] = -mu
         equation(points, {(deviator, 0): softness}, flow)

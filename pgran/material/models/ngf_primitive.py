@@ -26,6 +26,11 @@ class NGFPrimitive(NGF):
     uniform steady state is therefore g_loc of `NGF`, and about it both forms have the same
     linearised F. This holds if A^2 d^2/xi^2 = b I_loc above mu_s, which `resolve` checks.
 
+    g never becomes negative, but its approximation may, by an undershoot or by what Newton's method
+    leaves, where the material rests. Above mu_s this F would then drive g to minus infinity. For
+    g < 0 it is therefore F = (A^2 d^2/xi^2) g - b sqrt(d^2 rho_s/P) mu g^2, which returns g to 0
+    and has a kink there above mu_s.
+
     Attributes
     ----------
     relaxation_time : float
@@ -72,9 +77,9 @@ class NGFPrimitive(NGF):
         """Return F and its derivatives at points, as `NGF.source`."""
         # The inverse length has a kink at mu_s and no slope there; K takes the one from above.
         beside = np.where(mu == law.yield_ratio, np.nextafter(law.yield_ratio, np.inf), mu)
-        sign = np.sign(law.yield_ratio - beside)
+        sign = np.where(g < 0.0, 1.0, np.sign(law.yield_ratio - beside))
         K, K_slope = (sign * part for part in law.inverse_length_squared(beside))
-        drag = _slope_at_rest(law, mu) * g / s
+        drag = _slope_at_rest(law, mu) * np.abs(g) / s
         return Quantity(g * (K + drag * mu),
                         rate=g * (K_slope + drag),
                         pressure=-g * drag * mu / (2.0 * P),
