@@ -341,7 +341,7 @@ def write_xdmf(path, shape, snapshots, fields, closed=(False, False)):
     size = " ".join(map(str, shape))
     topology, points = f'<Topology TopologyType="2DSMesh" Dimensions="{size}"/>', shape
     if any(closed):
-        count, points = len(cells(shape, closed)), (shape[0] * shape[1],)
+        count, points = len(cells(shape, closed)), (shape[0] * shape[1], 1)
         topology = (f'<Topology TopologyType="Quadrilateral" NumberOfElements="{count}">'
                     f'<DataItem Dimensions="{count} 4" NumberType="Int" Precision="8" '
                     f'Format="HDF">{quoteattr(path.name)[1:-1]}:/cells</DataItem></Topology>')
