@@ -14,13 +14,9 @@ import sys
 from ..cli import HELP, STOPPED, TOLD
 from ..options import Interrupted
 
-<<<<<<< HEAD
-STUDIES = ("section4", "meshes", "posed", "sensitivity", "verify", "growth", "specimen", "regime",
-           "spectra", "primitive", "flows", "flow_spectra", "stopping", "bench", "kill", "launch")
-=======
 STUDIES = ("section4", "meshes", "posed", "sensitivity", "verify", "growth", "specimen",
-           "primitive", "regime", "spectra", "bench", "kill", "launch")
->>>>>>> 78d7f1dd983d55745303bff9411d995e01fa6d85
+           "primitive", "regime", "spectra", "flows", "flow_spectra", "stopping", "bench", "kill",
+           "launch")
 
 
 def load(name):
