@@ -20,6 +20,8 @@ from pgran.output import section4 as figures
 from pgran.studies import (
     __main__,
     bench,
+    flow_spectra,
+    flows,
     growth,
     launch,
     meshes,
@@ -30,6 +32,7 @@ from pgran.studies import (
     sensitivity,
     specimen,
     spectra,
+    stopping,
     verify,
 )
 from pgran.studies.table import Table, result_file
@@ -475,3 +478,41 @@ def test_a_table_of_runs_that_all_failed_is_an_error(tmp_path):
         table.close()
     table.row("two", 51.0)
     table.close()
+
+
+def test_flows_are_held_against_their_profiles(tmp_path, monkeypatch):
+    monkeypatch.setattr(flows, "FLOWS", (("slope", "inclined_plane", (
+        "-pgran_height", 5, "-pgran_slope", 24, "-pgran_grading", 2), (1, 0.5), ("ngf",)),))
+    monkeypatch.setattr(flows, "LAWS", ("jop",))
+    flows.main(tmp_path)
+    coarse, fine = table(tmp_path / "flows.csv")
+    assert float(fine["velocity"]) < 0.2 * float(coarse["velocity"]) < 0.01
+    assert float(fine["order"]) > 2.0
+    assert (tmp_path / "flow_inclined_plane.png").stat().st_size > 20000
+
+
+def test_rates_of_flows_are_those_of_the_nonlinear_solver(tmp_path, monkeypatch):
+    monkeypatch.setattr(flow_spectra, "FLOWS", ((
+        "slope", "inclined_plane", ("-pgran_height", 4,), "slope", (25,), (1, 0.5)),))
+    for name, value in (("NUMBERS", (1e-2,)), ("SIZES", (2,)), ("SQUARE", 4)):
+        monkeypatch.setattr(flow_spectra, name, value)
+    flow_spectra.main(tmp_path)
+    coarse, fine = table(tmp_path / "decay.csv")
+    assert abs(float(coarse["apart (%)"])) < 1.0 and float(coarse["nonlinear"]) < 0.0
+    assert float(fine["to the mesh before (%)"]) < 5.0 and fine["nonlinear"] == ""
+    assert [row["found to grow"] for row in table(tmp_path / "growth.csv")] == ["0", "0"]
+
+
+def test_stopping_heights_agree_three_ways(tmp_path, monkeypatch):
+    for name, value in (("SLOPES", (28,)), ("FLOWING", (1.02, 1.04, 1.06)), ("ELEMENTS", 12),
+                        ("FOLLOWED", (28,)), ("SHARES", (0.9, 1.2)), ("END", 600)):
+        monkeypatch.setattr(stopping, name, value)
+    stopping.main(tmp_path)
+    row, = table(tmp_path / "stopping.csv")
+    heights = [float(row[name]) for name in ("closed form (d)", "end of flow (d)",
+                                             "zero of the eigenvalue (d)")]
+    np.testing.assert_allclose(heights, heights[0], rtol=1e-3)
+    ends = [float(row["g at the end"]) for row in table(tmp_path / "followed.csv")]
+    assert max(ends[:2]) < 1e-6 and ends[2] == pytest.approx(ends[3], rel=1e-2)
+    assert ends[3] == pytest.approx(float(table(tmp_path / "followed.csv")[3]["g of theory"]),
+                                    rel=0.05)

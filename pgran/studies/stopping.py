@@ -20,6 +20,8 @@ from .flows import errors
 from .table import Table
 
 SLOPES = 22, 23, 24, 25, 26, 28, 30
+#: Tolerances of steady flow whose fluidity is nearly zero.
+TIGHT = "-ts_pseudo_fatol", 1e-13, "-snes_atol", 1e-14, "-snes_rtol", 1e-8
 #: Elements across the layer.
 ELEMENTS = 24
 #: Heights over H_stop at which flow and rest are looked at.
@@ -29,8 +31,9 @@ FLOWING, RESTING = (1.02, 1.04, 1.06, 1.08), (0.95, 1.05)
 SOFT = 0.01
 #: Its shear modulus, phi rho_s G d: what the turning of the stress does to mu must not matter.
 RIGID = 1e5
-#: Relaxation time, 1/gdot0, and heights over H_stop of layers that are followed in time.
-TIME, FOLLOWED = 1.0, (0.9, 0.98, 1.02, 1.1)
+#: Relaxation time, 1/gdot0; slopes, heights over H_stop and end (1/gdot0) of layers in time. The
+#: rate near H_stop is (A d/xi)^2 (1 - (H_stop/H)^2)/t0: the end is long after.
+TIME, FOLLOWED, SHARES, END = 1.0, (24, 28), (0.9, 0.98, 1.02, 1.1), 10000
 #: Fluidity at the start over that of the reference flow: almost at rest, and flowing.
 STARTS = 1e-6, 1.0
 FILE = "options/inclined_plane.opts"
@@ -59,7 +62,7 @@ def flowing(directory, slope, known, *options):
     largest, far = [], []
     for share in FLOWING:
         path = directory / f"flow_{slope}_{share:g}.h5"
-        launch.run(path, FILE, *layer(slope, share * known), *options)
+        launch.run(path, FILE, *layer(slope, share * known), *TIGHT, *options)
         largest.append(last(path, "fluidity").max())
         far.append(errors(path)[0])
     # Height as a polynomial of the fluidity, at the fluidity zero.
@@ -88,10 +91,9 @@ def resting(directory, slope, known, *options):
 def followed(directory, slope, height, start, *options):
     """Return the largest fluidity at the start and at the end of a layer followed in time."""
     path = directory / f"time_{slope}_{height:.3f}_{start:g}.h5"
-    # The rate near H_stop is K (1 - (H_stop/H)^2)/t0: the end is long after.
     launch.run(path, FILE, *layer(slope, height), "-ts_type", "beuler", "-ts_max_steps", 100000,
-               "-pgran_start_fluidity", start, "-pgran_step_max", 20, "-pgran_end_time", 3000,
-               "-pgran_rest_speed", 0, "-pgran_snapshots", 1e-3, *options)
+               "-pgran_shear_modulus", RIGID, "-pgran_start_fluidity", start, "-pgran_step_max", 20,
+               "-pgran_end_time", END, "-pgran_rest_speed", 0, "-pgran_snapshots", 1e-3, *options)
     with h5py.File(path, "r") as file:
         return [file["snapshots"][name]["fluidity"][...].max() for name in ("0000", "0001")]
 
@@ -113,8 +115,8 @@ def main(directory="results/stopping", *, options=()):
     table = Table(directory / "followed.csv", {
         "slope": "g", "H/H_stop": "g", "start": "g", "g at the start": ".2e", "g at the end": ".2e",
         "g of theory": ".2e"})
-    for slope in (24, 28):
-        for share in FOLLOWED:
+    for slope in FOLLOWED:
+        for share in SHARES:
             for start in STARTS:
                 height = share * known[slope]
                 profile = profiles.inclined_plane(case.law, "ngf_primitive", amplitude, 1.0, height,
