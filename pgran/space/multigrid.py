@@ -18,6 +18,7 @@ from petsc4py import PETSc
 from ..options import ParameterError
 from ..versions import set_schur_matrix
 from .element import quadratic
+from .schur import PressureSchur
 
 #: Weights of the three nodes of a coarse element at the five nodes of its two halves.
 HALVES = quadratic(np.linspace(-1.0, 1.0, 5))[0]
@@ -57,18 +58,17 @@ def node_level(form, names):
 
 
 def configure(ksp, form):
-    """Hand PCFIELDSPLIT the matrix for ``-pc_fieldsplit_schur_precondition user``.
+    """Hand PCFIELDSPLIT what ``-pc_fieldsplit_schur_precondition user`` asks for. Collective.
 
-    Returns that matrix, the pressure mass over viscosity that `WeakForm.pressure_mass`
-    fills, or None where the options ask for something else. Collective.
+    Returns a `PressureSchur` to fill, or None where the options ask for something else.
     """
     pc = ksp.getPC()
     prefix = pc.getOptionsPrefix() or ""
     asked = PETSc.Options().getString(f"{prefix}pc_fieldsplit_schur_precondition", "")
     if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
         return None
-    schur = form.create_pressure_mass()
-    set_schur_matrix(pc, schur)
+    schur = PressureSchur(form)
+    set_schur_matrix(pc, schur.viscous)
     return schur
 
 
