@@ -5,6 +5,7 @@ All but the runs work unchanged on any number of ranks.
 
 import json
 
+import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, discretised, pgran, refused, run_ranks
@@ -143,6 +144,25 @@ def test_the_pressure_has_no_flux_through_walls_and_is_zero_at_free_faces(case, 
     largest = comm.allreduce(np.abs(found.array).max(initial=0.0), MPI.MAX)
     assert np.abs(found.array[~near]).max(initial=0.0) < 1e-12 * largest
     assert comm.allreduce(int((~near).sum())) > 10
+
+
+@pytest.mark.parametrize("flow", ["vertical_chute", "inclined_plane"])
+def test_iterations_do_not_grow_in_flows_on_fixed_meshes(tmp_path, flow):
+    """The mesh of the inclined plane is graded."""
+    for size, ranks in ((1, 1), (0.5, 2)):
+        path = tmp_path / f"{size}.h5"
+        pgran(ranks, f"{flow}.opts", path, "-options_file", ROOT / "options" / "flows_mg.opts",
+              "-pgran_element_size", size)
+        with h5py.File(path, "r") as file:
+            newton, linear = (file[f"history/{name}_iterations"][...]
+                              for name in ("newton", "linear"))
+        assert (linear / newton).max() <= 15.0, (size, ranks, linear / newton)  # docs/flows.md
+
+
+@pytest.mark.parametrize("size, depth", [(0.5, 1), (0.25, 2)])
+def test_the_coarsest_grid_follows_the_mean_side_of_graded_elements(size, depth):
+    form = discretised(case="inclined_plane", law="jop", grading=2, element_size=size)
+    assert node_level(form, ["velocity", "fluidity"]).depth == depth
 
 
 def test_a_split_of_fields_that_a_model_lacks_is_refused(tmp_path):

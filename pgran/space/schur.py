@@ -6,10 +6,9 @@ Chabard 1988)::
 
     -(M^-1 + L^-1),      M = (q, P/eta),      L = B D^-1 B^T
 
-B is the divergence, and D the lumped mass matrix of the velocity times rho. L is a Laplacian that
-knows the boundaries, because B has only the free velocities: the pressure is zero where the velocity
-is free, and has no flux where it is held. Options choose this preconditioner, and how each part is
-solved::
+B is the divergence of the free velocities, and D their lumped mass matrix times rho. So L is a
+Laplacian that knows the boundaries: the pressure is zero where the velocity is free, and has no
+flux where it is held. Options choose this preconditioner, and how each part is solved::
 
     -pc_fieldsplit_schur_precondition user
     -fieldsplit_pressure_pc_type python

@@ -166,7 +166,7 @@ def inertia(sizes="4 2 1", ranks="1 2", *, options=()):
 
 
 def flows(sizes="1 0.5 0.25", ranks="1 2", *, options=()):
-    """Outer iterations of a system in the flows on fixed meshes: mean over accepted steps (most)."""
+    """Outer iterations of a system in the flows on fixed meshes: mean of all steps (most)."""
     table = Table(BENCH / "flows.csv", {"flow": "", "element (d)": "", "ranks": "",
                                         **dict.fromkeys(KINDS, "")})
     for flow, (name, *more) in FLOWS.items():
