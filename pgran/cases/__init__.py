@@ -63,6 +63,10 @@ class Case(ABC):
     moving : bool
         Whether the mesh moves with the material. On a fixed mesh stress turns with the material
         and is carried with it, and inertia contains the convective acceleration (v.grad)v.
+    coarsest : float
+        Mean side over A d of the coarsest elements that multigrid may use. They resolve what
+        couples velocity and fluidity over long distances: six are the shortest growing wavelength
+        (k A d = 0.1226) unless a case says otherwise.
     walls_of_local_fluidity : tuple of str
         Sides where g = g_loc takes the place of the fluidity equation. Their ends must be periodic.
     rests : str or None
@@ -83,6 +87,7 @@ class Case(ABC):
     rows = ()
     periodic = False, False
     moving = True
+    coarsest = 8.5
     base_gradient = np.zeros((2, 2))
     stress_unit = "stress"
     fluidity_source = None

@@ -46,6 +46,7 @@ class FixedMesh(Case):
     """
 
     moving = False
+    coarsest = 2.1  #: the fluidity decays over A d/sqrt(mu_s) = 1.6 A d from what drives the flow
     walls = ()
 
     def start(self, x):

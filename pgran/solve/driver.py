@@ -229,7 +229,7 @@ class Driver:
             local, increment = self.grid.to_local(u), self._increment(ts, time)
             self.form.jacobian(local, shift, increment, preconditioner)
             if self.schur is not None:
-                self.form.pressure_mass(local, increment, self.schur)
+                self.schur.fill(local, shift, increment, preconditioner)
 
     def _stop_if_asked(self):
         """Raise `Interrupted` on all ranks if one of them was asked to stop."""

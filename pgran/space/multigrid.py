@@ -17,13 +17,11 @@ from petsc4py import PETSc
 
 from ..options import ParameterError
 from ..versions import set_schur_matrix
-from .element import quadratic
+from .element import Geometry, quadratic
+from .schur import PressureSchur
 
 #: Weights of the three nodes of a coarse element at the five nodes of its two halves.
 HALVES = quadratic(np.linspace(-1.0, 1.0, 5))[0]
-#: Side of the elements of the coarsest grid over A d, at most, unless -pc_mg_levels says more:
-#: six elements to the shortest growing wavelength (k A d = 0.1226), which no coarser grid sees.
-COARSEST = 8.5
 
 
 def field_shell(form):
@@ -49,26 +47,28 @@ def node_level(form, names):
     starts = [np.concatenate([[0], np.cumsum(part)])
               for part in grid.nodes.dm.getOwnershipRanges()]
     level = NodeLevel(grid.comm, grid.shape, grid.periodic, starts, len(held), held.T.ravel())
-    side = np.diff(form.case.coordinates(np.array([0, 2]), np.array([0, 2]))).max()
+    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    area, = grid.comm.tompi4py().allreduce(form.integrals(
+        np.empty((0, grid.nodes.size)), Geometry(x[:, grid.element_nodes])))
+    coarsest = form.case.coarsest * form.material.model.length
     level.depth = max(1, min(level.coarsenings,
-                             int(np.log2(COARSEST * form.material.model.length / side))))
+                             int(np.log2(coarsest * np.sqrt(np.prod(grid.shape) / area)))))
     level.single = level.coarsenings == 0
     return level
 
 
 def configure(ksp, form):
-    """Hand PCFIELDSPLIT the matrix for ``-pc_fieldsplit_schur_precondition user``.
+    """Hand PCFIELDSPLIT what ``-pc_fieldsplit_schur_precondition user`` asks for. Collective.
 
-    Returns that matrix, the pressure mass over viscosity that `WeakForm.pressure_mass`
-    fills, or None where the options ask for something else. Collective.
+    Returns a `PressureSchur` to fill, or None where the options ask for something else.
     """
     pc = ksp.getPC()
     prefix = pc.getOptionsPrefix() or ""
     asked = PETSc.Options().getString(f"{prefix}pc_fieldsplit_schur_precondition", "")
     if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
         return None
-    schur = form.create_pressure_mass()
-    set_schur_matrix(pc, schur)
+    schur = PressureSchur(form)
+    set_schur_matrix(pc, schur.viscous)
     return schur
 
 

@@ -570,6 +570,17 @@ class WeakForm:
         with np.errstate(invalid="ignore", divide="ignore"):
             self._mass.fill(matrix, masses)
 
+    def lumped_storage(self, shift, increment):
+        """Return shift phi rho_s times the lumped mass of the owned velocities, (2 n_owned,).
+
+        Node by node, in stress d^2/(d gdot0); None without inertia. ``shift`` in gdot0.
+        """
+        density = self.storage["velocity"]
+        if not density:
+            return None
+        mass = self.grid.sum_at_nodes(element.SHAPE.T @ increment.geometry.weight)
+        return density * shift * np.repeat(mass[self.grid.nodes.owned], DIM)
+
 
 class BatchPoints:
     """Kinematics and response at the Gauss points of a batch of elements.

@@ -1,13 +1,17 @@
-"""What do answers and steps cost? bench answer|iterations|size|weak [lists, see jobs/bench/*.sh]
+"""What do answers and steps cost? bench NAME [lists, see jobs/bench/*.sh]
 
     bench answer [element sizes: "2 1"] [sizes of tight runs: "2 1"]
     bench iterations [element sizes: "2 1 0.5"] [ranks: "1 2 3 4"]
+    bench inertia [element sizes: "4 2 1"] [ranks: "1 2"]
+    bench flows [element sizes: "1 0.5 0.25"] [ranks: "1 2"]
     bench size [element sizes: "2 1 0.5"] [ranks: "1 2 3 4"] [sizes of MUMPS: the same]
     bench weak [ranks: "1 2 4"]
 
 `answer` takes the main job to 10 % compression on two ranks, beside a run with tight tolerances.
 `iterations` counts outer iterations to 1e-6 on the right-hand sides that Newton gives, in one step
-from a state before, during and after localisation, every preconditioner fresh. `size` takes the
+from a state before, during and after localisation, every preconditioner fresh. `inertia` counts
+them for the first system of steps of many sizes, with inertia and without. `flows` counts them in
+the flows on fixed meshes, on the way to the steady flow, and in ten steps in time. `size` takes the
 seconds of a Newton iteration and the peak memory in a step from the state at 10 %, by multigrid and
 by MUMPS, with exponents over the sizes. `weak` makes thirty steps from rest with 4800 elements a
 rank. Tables go to results/bench; nothing else should run meanwhile.
@@ -22,13 +26,28 @@ import numpy as np
 
 from ..output import band
 from . import launch
-from .table import Table
+from .table import Table, result_file
 
 BENCH = Path("results/bench")
 FILE = "options/biaxial.opts"
 #: Compressions of the states that steps start from: before, during and after localisation.
 STATES = "0.003,0.018,0.03,0.05,0.10"
 BEFORE, DURING, AFTER, LAST = 0, 1, 3, 4
+#: The same for systems with inertia, on a mesh that the others divide: before yielding and in flow.
+YIELDING, COARSE = {"before yielding": 0.0001, "in flow": 0.018}, 4
+#: Sizes of the steps, 1/gdot0.
+STEPS = "1e-8", "1e-7", "1e-6", "1e-5", "1e-4", "1e-3", "1e-2"
+#: Flows on fixed meshes, and the options of each: graded meshes and even ones.
+FLOWS = {"planar_shear, graded": ("planar_shear",), "vertical_chute": ("vertical_chute",),
+         "vertical_chute, graded": ("vertical_chute", "-pgran_grading", 2),
+         "annular_shear": ("annular_shear",),
+         "inclined_plane": ("inclined_plane", "-pgran_grading", 1),
+         "inclined_plane, graded": ("inclined_plane",)}
+#: Ten steps in time. Without line search, because where the force of inertia is large it compares
+#: norms that are rounded.
+TEN = ("-ts_type", "beuler", "-ts_max_steps", 10, "-snes_linesearch_type", "basic",
+       "-snes_atol", 1e-6)
+KINDS = {"steady": (), "in time": TEN, "with inertia": (*TEN, "-pgran_inertia", "true")}
 #: What makes a tight run.
 TIGHT = ("-pgran_step_error", 0.01, "-snes_atol", 1e-7, "-ksp_rtol", 1e-4,
          "-snes_lag_preconditioner", 1)
@@ -122,6 +141,55 @@ def iterations(sizes="2 1 0.5", ranks="1 2 3 4", *, options=()):
     print(f"means from {min(means):.1f} to {max(means):.1f}: ratio {max(means) / min(means):.2f}")
 
 
+def inertia(sizes="4 2 1", ranks="1 2", *, options=()):
+    """Outer iterations over the size of the step, mesh and ranks: with inertia (without)."""
+    states = BENCH / "yielding.h5"
+    launch.run(states, FILE, "-pgran_snapshots", ",".join(map(str, YIELDING.values())),
+               "-pgran_compression", max(YIELDING.values()), "-pgran_element_size", COARSE,
+               *launch.QUIET)
+    table = Table(BENCH / "inertia.csv", {"state": "", "element (d)": "", "ranks": "",
+                                          **{f"dt = {dt}": "" for dt in STEPS}})
+
+    def counts(size, count, number, inertia):
+        made = launch.python(
+            count, "-m", "pgran.studies.systems", "-options_file", FILE, *FRESH, "-ksp_max_it", 200,
+            *options, "-pgran_element_size", size, "-pgran_inertia", inertia, "-from", states,
+            "-snapshot", number, "-dt", ",".join(STEPS), stdout=subprocess.PIPE, text=True,
+            timeout=LIMIT)
+        return ["-" if found is None else str(found) for found in json.loads(made.stdout)]
+
+    for number, state in enumerate(YIELDING):
+        for size in sizes.split():
+            for count in ranks.split():
+                both = (counts(size, count, number, inertia) for inertia in ("true", "false"))
+                table.row(state, size, count, *(f"{on} ({off})" for on, off in zip(*both)))
+
+
+def flows(sizes="1 0.5 0.25", ranks="1 2", *, options=()):
+    """Outer iterations of a system in the flows on fixed meshes: mean of all steps (most)."""
+    table = Table(BENCH / "flows.csv", {"flow": "", "element (d)": "", "ranks": "",
+                                        **dict.fromkeys(KINDS, "")})
+    for flow, (name, *more) in FLOWS.items():
+        for size in sizes.split():
+            for count in ranks.split():
+                cells = []
+                for kind, these in KINDS.items():
+                    path = result_file(BENCH, f"{flow} {size} {count} {kind}")
+                    made = launch.run(
+                        path, f"options/{name}.opts", "-options_file", "options/flows_mg.opts",
+                        *launch.QUIET, *more, *these, *options, "-pgran_element_size", size,
+                        ranks=int(count), needed=False)
+                    cells.append(None if made is None else per_system(path))
+                table.row(flow, size, count, *cells)
+
+
+def per_system(path):
+    """Return the linear iterations of a Newton iteration in a result file, "mean (most)"."""
+    with h5py.File(path, "r") as file:
+        newton, linear = (file[f"history/{name}_iterations"][...] for name in ("newton", "linear"))
+    return f"{linear.sum() / newton.sum():.1f} ({(linear / newton).max():.0f})"
+
+
 def size(sizes="2 1 0.5", ranks="1 2 3 4", mumps=None, *, options=()):
     """Cost of a step against size and ranks, of multigrid and of MUMPS."""
     table = Table(BENCH / "size.csv", {
@@ -166,7 +234,8 @@ def weak(ranks="1 2 4", *, options=()):
                   took["seconds"] / newton, took["memory"] / took["ranks"])
 
 
-BENCHES = {"answer": answer, "iterations": iterations, "size": size, "weak": weak}
+BENCHES = {"answer": answer, "iterations": iterations, "inertia": inertia, "flows": flows,
+           "size": size, "weak": weak}
 
 
 def main(bench, *lists, options=()):

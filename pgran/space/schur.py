@@ -1,0 +1,92 @@
+"""What stands for the Schur complement of velocity and fluidity against pressure.
+
+With a viscosity eta and the storage rho = phi rho_s/dt of the velocity, the inverse of this
+complement is close to the sum of what it is without inertia and without viscosity (Cahouet &
+Chabard 1988)::
+
+    -(M^-1 + L^-1),      M = (q, P/eta),      L = B D^-1 B^T
+
+B is the divergence of the free velocities, and D their lumped mass matrix times rho. So L is a
+Laplacian that knows the boundaries: the pressure is zero where the velocity is free, and has no
+flux where it is held. Options choose this preconditioner, and how each part is solved::
+
+    -pc_fieldsplit_schur_precondition user
+    -fieldsplit_pressure_pc_type python
+    -fieldsplit_pressure_pc_python_type pgran.space.schur.BothEnds
+    -fieldsplit_pressure_viscous_pc_type sor
+    -fieldsplit_pressure_inertial_pc_type gamg
+
+Without inertia there is no L. Any other PC in place of this one sees M and not L.
+"""
+
+from petsc4py import PETSc
+
+#: The name under which PETSc keeps -L with -M.
+INERTIAL = "pgran_inertial"
+
+
+class PressureSchur:
+    """The matrices -M and -L of a form. Making and filling them is collective.
+
+    Parameters
+    ----------
+    form : pgran.space.weakform.WeakForm
+
+    Attributes
+    ----------
+    viscous : PETSc.Mat
+        -M, which PETSc lets know the -L that was filled last.
+    """
+
+    def __init__(self, form):
+        self._form, self.viscous = form, form.create_pressure_mass()
+        sets = form.grid.field_sets()
+        self._velocity, self._pressure = sets["velocity"], sets["pressure"]
+
+    def fill(self, local, shift, increment, jacobian):
+        """Fill them for the unknowns ``local`` (n_local,) and the ``jacobian`` there.
+
+        ``shift`` is that of `WeakForm.jacobian`, gdot0.
+        """
+        self._form.pressure_mass(local, increment, self.viscous)
+        storage = self._form.lumped_storage(shift, increment)
+        if storage is not None:
+            self.viscous.compose(INERTIAL, self._laplacian(storage, jacobian))
+
+    def _laplacian(self, storage, jacobian):
+        """-L, with the rows of prescribed pressures from the Jacobian: those of the identity."""
+        gradient = jacobian.createSubMatrix(self._pressure, self._velocity).transpose()
+        scale = gradient.createVecLeft()
+        scale.setArray(storage**-0.5)
+        gradient.diagonalScale(scale)
+        laplacian = gradient.transposeMatMult(gradient)
+        laplacian.scale(-1.0)
+        laplacian.axpy(1.0, jacobian.createSubMatrix(self._pressure, self._pressure))
+        return laplacian
+
+
+class BothEnds:
+    """-(M^-1 + L^-1) as a PC of type python, whose parts have options of their own. Collective."""
+
+    def setFromOptions(self, pc):
+        """Make the PC of both parts."""
+        self._viscous, self._inertial = (PETSc.PC().create(comm=pc.comm) for _ in range(2))
+        for name, part in ("viscous", self._viscous), ("inertial", self._inertial):
+            part.setOptionsPrefix(f"{pc.getOptionsPrefix()}{name}_")
+            part.setFromOptions()
+
+    def setUp(self, pc):
+        """Give each part its matrix."""
+        _, mass = pc.getOperators()
+        self._viscous.setOperators(mass)
+        self._laplacian = mass.query(INERTIAL)
+        if self._laplacian:
+            self._inertial.setOperators(self._laplacian)
+            self._other = mass.createVecLeft()
+
+    def apply(self, pc, x, y):
+        """Put the sum of both parts applied to ``x`` into ``y``."""
+        self._viscous.apply(x, y)
+        if self._laplacian:
+            self._inertial.apply(x, self._other)
+            y.axpy(1.0, self._other)
