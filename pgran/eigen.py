@@ -11,7 +11,8 @@ their own boundary conditions, and no theory is known of them.
     mpiexec -n 2 python -m pgran.eigen -pgran_restart NAME.h5 [-pgran_restart_snapshot n]
 
 finds the spectrum about a snapshot of a result, of any case, on its mesh. Options that are not
-given are those of the result. Where the mesh moves, the step of size ``-dt`` is linearised
+given are those of the result. The flow must be steady with inertia: that of a ring needs
+``-pgran_inertia true``, the others are the same without it. Where the mesh moves, the step of size ``-dt`` is linearised
 (`pgran.growth`), so that mesh and elastic memory take part.
 
 A good run prints relative errors that fall with order 4 over ``-refinement n,n,...``, and
@@ -96,6 +97,9 @@ def run(parameters, asked, comm):
         writer, field = module.write_mode(parameters.output, form, rows[0]["computed"], modes[0])
         picture = spectrum.draw_mode(writer, field, f"{field} of the fastest mode")
         say(f"  mode: {writer.path}, {writer.path.with_suffix('.xdmf')}, {picture}")
+    if parameters.restart and not moves:
+        say("  with inertia the flow is steady to a residual of "
+            f"{spectrum.unsteadiness(form):.1e} {form.case.stress_unit} d")
     table(rows, say)
     if asked.refinement and waves:
         refinement(parameters, asked, k, comm, say)

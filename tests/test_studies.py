@@ -493,7 +493,7 @@ def test_flows_are_held_against_their_profiles(tmp_path, monkeypatch):
 
 def test_rates_of_flows_are_those_of_the_nonlinear_solver(tmp_path, monkeypatch):
     monkeypatch.setattr(flow_spectra, "FLOWS", ((
-        "slope", "inclined_plane", ("-pgran_height", 4,), "slope", (25,), (1, 0.5)),))
+        "slope", "inclined_plane", ("-pgran_height", 4,), "slope", (25,), (0.5, 0.25)),))
     for name, value in (("NUMBERS", (1e-2,)), ("SIZES", (2,)), ("SQUARE", 4)):
         monkeypatch.setattr(flow_spectra, name, value)
     flow_spectra.main(tmp_path)
@@ -504,15 +504,13 @@ def test_rates_of_flows_are_those_of_the_nonlinear_solver(tmp_path, monkeypatch)
 
 
 def test_stopping_heights_agree_three_ways(tmp_path, monkeypatch):
-    for name, value in (("SLOPES", (28,)), ("FLOWING", (1.02, 1.04, 1.06)), ("ELEMENTS", 12),
-                        ("FOLLOWED", (28,)), ("SHARES", (0.9, 1.2)), ("END", 600)):
+    for name, value in (("SLOPES", (28,)), ("FLOWING", (1.01, 1.02)), ("ELEMENTS", 12),
+                        ("FOLLOWED", (28,)), ("SHARES", (1.2,)), ("END", 300)):
         monkeypatch.setattr(stopping, name, value)
     stopping.main(tmp_path)
     row, = table(tmp_path / "stopping.csv")
     heights = [float(row[name]) for name in ("closed form (d)", "end of flow (d)",
                                              "zero of the eigenvalue (d)")]
     np.testing.assert_allclose(heights, heights[0], rtol=1e-3)
-    ends = [float(row["g at the end"]) for row in table(tmp_path / "followed.csv")]
-    assert max(ends[:2]) < 1e-6 and ends[2] == pytest.approx(ends[3], rel=1e-2)
-    assert ends[3] == pytest.approx(float(table(tmp_path / "followed.csv")[3]["g of theory"]),
-                                    rel=0.05)
+    for row in table(tmp_path / "followed.csv"):
+        assert float(row["g at the end"]) == pytest.approx(float(row["g of theory"]), rel=0.05)

@@ -163,6 +163,16 @@ def row_of(value, error):
             "relative_error": None, "harmonic": None, "share": None, "residual": error}
 
 
+def unsteadiness(form):
+    """Return the norm of the residual of the snapshot that a restart names, with inertia.
+
+    In stress d. A spectrum says how disturbances grow only if it is small. Collective.
+    """
+    start = state.snapshot_start(form)
+    rows = form.residual(start.local, np.zeros_like(start.local), state.unmoved(form, start))
+    return float(np.sqrt(form.grid.comm.tompi4py().allreduce(rows @ rows)))
+
+
 def eigenpairs(form, J, M, target):
     """Return the eigenpairs nearest to ``target``, gdot0. Collective.
 

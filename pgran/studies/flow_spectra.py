@@ -23,7 +23,8 @@ FLOWS = (
     ("planar shear", "planar_shear", ("-pgran_height", 10, "-pgran_gravity", 0.1),
      "inertial_number", (1e-3, 1e-2, 1e-1), (0.5, 0.25)),
     ("chute", "vertical_chute", ("-pgran_width", 10,), "gravity", (0.08, 0.09, 0.1), (0.5, 0.25)),
-    ("ring", "annular_shear", ("-pgran_inner_radius", 5, "-pgran_outer_radius", 10),
+    ("ring", "annular_shear",
+     ("-pgran_inner_radius", 5, "-pgran_outer_radius", 10, "-pgran_inertia", "true"),
      "inertial_number", (1e-3, 1e-2, 1e-1), (1, 0.5)),
     ("slope", "inclined_plane", ("-pgran_height", 10,), "slope", (22, 24, 26, 28), (0.5, 0.25)))
 #: How many eigenvalues are shown.
