@@ -8,10 +8,11 @@ import time
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, pgran, refused, run_ranks
+from conftest import ROOT, discretised, pgran, refused, run_ranks
 from test_runs import differences, snapshot
 
 from pgran.output import checkpoint
+from pgran.solve import state
 from pgran.studies import launch
 
 #: A specimen that yields, in some twenty steps that take a second.
@@ -160,6 +161,43 @@ def test_a_damaged_checkpoint_is_passed_over(short, tmp_path):
     older.write_bytes(b"")
     refused(pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path, check=False),
             "it has no checkpoint to go on from", older.name, newest.name)
+
+
+def put(name, values):
+    """Return what gives a dataset of an open file other values."""
+    def damage(file):
+        del file[name]
+        file[name] = values
+
+    return damage
+
+
+#: What is done to an open checkpoint, and what is said of it.
+DAMAGE = {
+    "coordinates is no array of 31 x 11 x 2 numbers": lambda file: file.pop("nodes/coordinates"),
+    "pressure is no array of 16 x 6 numbers": put("corners", 1.0),
+    "stress is no array of 15 x 5 x 3 x 9 numbers": put("elements/stress", np.zeros((15, 5, 2, 9))),
+    "fluidity is no array of 31 x 11 numbers": put("nodes/fluidity", np.full((31, 11), b"1")),
+    "earlier_stress is no array": lambda file: file.pop("elements/earlier_stress"),
+    "velocity is not a number everywhere": put("nodes/velocity", np.full((31, 11, 2), np.nan)),
+    "time is not a number": lambda file: file.attrs.modify("time", np.nan),
+    "wanted is not a number": lambda file: file.attrs.create("wanted", "soon"),
+    "its numbers are those of no run": lambda file: file.attrs.create("period", 0.0),
+    "steps is missing": lambda file: file.attrs.pop("steps")}
+
+
+def test_a_checkpoint_that_lacks_what_a_run_needs_is_passed_over(tmp_path):
+    path = tmp_path / "run.h5"
+    pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 9, "-pgran_checkpoint_steps", 5)
+    newest, older = checkpoint.checkpoints_of(path)
+    content, form = newest.read_bytes(), discretised(element_size=8, restart=path)
+    for words, damage in DAMAGE.items():
+        newest.write_bytes(content)
+        with h5py.File(newest, "r+") as file:
+            damage(file)
+        _, values, damaged = state.checkpoint_start(form)
+        assert values["steps"] == 5 and len(damaged) == 1
+        assert damaged[0].startswith(f"{newest.name}: {words}")
 
 
 def test_a_run_that_dies_at_once_after_it_went_on_can_go_on_again(short, tmp_path):
