@@ -17,6 +17,7 @@ from types import SimpleNamespace
 
 from . import cases, options
 from .options import Interrupted, Option, OptionError, ParameterError, SolutionError
+from .signals import SIGNALS
 from .versions import FIRST, callback_error, was_read
 
 HELP = ("-help", "--help", "-h")
@@ -24,8 +25,6 @@ HELP = ("-help", "--help", "-h")
 TOLD = OptionError, ParameterError, SolutionError
 #: Exit code of a run that was asked to stop and can go on (EX_TEMPFAIL of sysexits.h).
 STOPPED = 75
-#: Signals that ask a run to stop; batch systems send them before they kill.
-SIGNALS = signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2
 #: Seconds that the other ranks have to raise an error too, before it is taken for one rank's own.
 TOGETHER = 3.0
 #: The flag that asks for JSON, which most commands have.
@@ -104,6 +103,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
     except OptionError as error:
         given, problem = given[:1], error  # so that PETSc starts, and all ranks can end together
     given = ["pgran", *FIRST, *file_first(given)[1:]]
+    asked = {number: signal.getsignal(number) for number in SIGNALS}
     if slepc:
         import slepc4py
         slepc4py.init(given)
@@ -112,7 +112,9 @@ def start(arguments, action, description="", rows=(), slepc=False,
         petsc4py.init(given)
     from petsc4py import PETSc
 
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as before PETSc took it; `Pipe` sees the error
+    asked[signal.SIGPIPE] = signal.SIG_IGN  # `Pipe` sees the error
+    for number, handler in asked.items():
+        signal.signal(number, handler)  # as before PETSc took it
     comm = PETSc.COMM_WORLD
     apart = comm.tompi4py().Dup()  # so that waiting for the others meets no message of the work
     try:
@@ -384,22 +386,6 @@ class Pipe:
             os.dup2(nowhere, self._stream.fileno())
             os.close(nowhere)
             return None
-
-
-class Signals:
-    """Notes the signals that ask a run to stop. Calling it gives the name of one, or None."""
-
-    def __init__(self):
-        self._name = None
-        for number in SIGNALS:
-            signal.signal(number, self._note)
-
-    def _note(self, number, frame):
-        self._name = signal.Signals(number).name
-
-    def __call__(self):
-        """Return the name of the signal that came, or None."""
-        return self._name
 
 
 def help_text(description, rows, run_rows):

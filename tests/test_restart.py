@@ -252,6 +252,35 @@ def test_a_signal_stops_a_run_with_a_checkpoint_and_its_own_exit_code(long, tmp_
         same(long, path, 1e-7)
 
 
+EARLY = """
+import os, runpy, signal, sys
+class Finder:
+    def find_spec(name, *rest):
+        if name == "{module}":
+            os.kill(os.getpid(), signal.SIGTERM)
+sys.meta_path.insert(0, Finder)
+runpy.run_module("pgran", run_name="__main__", alter_sys=True)
+"""
+
+
+@pytest.mark.parametrize("module", ["numpy", "pgran.solve.driver"])
+@pytest.mark.parametrize("kind, words", [
+    ("beuler", "-pgran_restart {path} goes on from there"),
+    ("pseudo", "there is nothing to go on from: start it again")])
+def test_a_run_that_is_asked_to_stop_before_its_first_step_says_so(short, tmp_path, module, kind,
+                                                                   words):
+    path = tmp_path / "run.h5"
+    done = run_ranks(0, "-c", EARLY.format(module=module), "-options_file",
+                     ROOT / "options" / "direct.opts", *SHORT, "-ts_type", kind, "-pgran_output",
+                     path, check=False)
+    assert done.returncode == STOPPED, done.stderr
+    assert done.stderr.splitlines() == [
+        f"pgran: stopped by SIGTERM at 0 % compression; {words.format(path=path)}"]
+    if kind == "beuler" and module == "numpy":
+        pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path)
+        same(short, path, 1e-10)
+
+
 def test_launch_passes_a_signal_on_and_goes_on_later(long, tmp_path):
     path = tmp_path / "run.h5"
     line, environment = launch.command(0, "-m", "pgran.studies", "launch", path,
