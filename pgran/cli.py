@@ -95,7 +95,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
     int
         0 after success, `STOPPED` if a signal stopped the run, and 1 after an error.
     """
-    sys.stdout = Pipe(sys.stdout)
+    guard_streams()
     wants_help = any(argument in HELP for argument in arguments)
     given, problem = [argument for argument in arguments if argument not in HELP], None
     try:
@@ -112,7 +112,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
         petsc4py.init(given)
     from petsc4py import PETSc
 
-    asked[signal.SIGPIPE] = signal.SIG_IGN  # `Pipe` sees the error
+    asked[signal.SIGPIPE] = signal.SIG_IGN  # `Stream` sees the error
     for number, handler in asked.items():
         signal.signal(number, handler)  # as before PETSc took it
     comm = PETSc.COMM_WORLD
@@ -134,7 +134,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
         values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
                                     else row.default for row in rows})
         action(parameters, values, comm)
-        return 0
+        return int(bool(rows) and sys.stdout.failed)  # its answer is lost; a run has its file
     except BaseException as error:
         return _told(error, comm, apart)
 
@@ -361,11 +361,17 @@ def report_unread(comm):
 
 # What a command meets on its way
 
-class Pipe:
-    """Standard output that goes on in silence when whoever read it has gone."""
+class Stream:
+    """Standard output or error that goes on in silence when it cannot be written.
+
+    Attributes
+    ----------
+    failed : bool
+        Whether something was lost, although whoever reads it has not gone.
+    """
 
     def __init__(self, stream):
-        self._stream = stream
+        self._stream, self.failed = stream, False
 
     def __getattr__(self, name):
         return getattr(self._stream, name)
@@ -381,11 +387,27 @@ class Pipe:
     def _try(self, action):
         try:
             return action()
-        except BrokenPipeError:
+        except OSError as problem:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
             os.close(nowhere)
+            if not isinstance(problem, BrokenPipeError):
+                self.failed = True
+                print("pgran: warning: standard output cannot be written "
+                      f"({problem.strerror}); nothing more is shown", file=sys.stderr, flush=True)
             return None
+
+
+def guard_streams():
+    """Let no command end because standard output or error is closed, or cannot be written."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:  # closed: no file of the run may get its number
+            os.open(os.devnull, os.O_RDWR)
+        stream = getattr(sys, name)
+        if number and not isinstance(stream, Stream):
+            setattr(sys, name, Stream(stream or open(number, "w", closefd=False)))
 
 
 def help_text(description, rows, run_rows):
@@ -415,7 +437,7 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
     runs : bool
         Whether the command takes the options of a run.
     """
-    sys.stdout = Pipe(sys.stdout)
+    guard_streams()
     try:
         if not arguments or any(argument in HELP for argument in arguments):
             more = f"\n\n{options.help_text(cases.read({}).rows)}" if runs else ""
@@ -426,11 +448,12 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
                                     else row.default for row in rows})
         if runs:
             action(cases.read(texts), values)
-            return 0
-        if not found:
+        elif not found:
             raise OptionError(f"{operands} missing")
-        action(values, found)
-        return 0
+        else:
+            action(values, found)
+        sys.stdout.flush()
+        return int(sys.stdout.failed)
     except TOLD as error:
         message = error.as_option()
     except (ValueError, OSError, KeyError) as error:

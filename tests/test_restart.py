@@ -434,3 +434,28 @@ def test_output_into_a_closed_pipe_does_not_end_a_run(tmp_path):
         assert run.wait(60) == 0 and not run.stderr.read()
     _, fields = snapshot(path)
     assert np.isfinite(fields["velocity"]).all()
+
+
+@pytest.mark.parametrize("streams, told", [
+    (">/dev/full", ["pgran: warning: standard output cannot be written (No space left on device); "
+                    "nothing more is shown"]),
+    (">/dev/full 2>/dev/full", []), (">&-", []), (">&- 2>&- <&-", [])])
+def test_a_log_that_cannot_be_written_does_not_end_a_run(tmp_path, streams, told):
+    path = tmp_path / "run.h5"
+    line, environment = launch.command(0, "-m", "pgran", "-options_file",
+                                       ROOT / "options" / "direct.opts", *SMALL,
+                                       "-pgran_progress", "steps", "-pgran_compression", "0.001",
+                                       "-ts_monitor", "-pgran_output", path)
+    done = subprocess.run(["sh", "-c", f'exec "$@" {streams}', "sh", *line], env=environment,
+                          cwd=ROOT, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 0 and done.stderr.splitlines() == told
+    with h5py.File(path) as file:
+        assert file.attrs["complete"]
+
+
+def test_an_answer_that_cannot_be_written_is_an_error(tmp_path):
+    line, environment = launch.command(0, "-m", "pgran.stability", "-cutoff")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(line, env=environment, cwd=ROOT, stdout=full, stderr=subprocess.PIPE,
+                              text=True, timeout=60)
+    assert done.returncode == 1 and "No space left on device" in done.stderr
