@@ -505,17 +505,17 @@ def steady():
 def choose_solver():
     """Give the options of `DIRECT` that are missing, unless ``-pc_type`` says that one was chosen.
 
-    Returns whether it did so. PETSc's own defaults do not solve these equations.
+    Returns whether it did so. PETSc's own defaults do not solve these equations, and never end
+    pseudo-time: the options of `PSEUDO` that are missing are given to every steady run.
     """
     from petsc4py import PETSc
 
     database = PETSc.Options()
-    if database.hasName("pc_type"):
-        return False
-    for name, value in {**DIRECT, **(PSEUDO if steady() else {})}.items():
+    missing = not database.hasName("pc_type")
+    for name, value in {**(DIRECT if missing else {}), **(PSEUDO if steady() else {})}.items():
         if not database.hasName(name):
             database.setValue(name, value)
-    return True
+    return missing
 
 
 def solver_options():

@@ -214,6 +214,10 @@ RUNS = {
     # PETSc
     "ts_type": (["-ts_type", "euler"], "-ts_type euler: allowed is beuler | pseudo"),
     "no steps": (["-ts_max_steps", "0"], "-ts_max_steps 0: allowed is an integer >= 1"),
+    "start of TS": (["-ts_init_time", "0.001"], "-ts_init_time 0.001: allowed is 0, where"),
+    "no step": (["-ts_dt", "0"], "-ts_dt 0: allowed is a number > 0"),
+    "step repeated as it is": (["-ts_adapt_scale_solve_failed", "1"],
+                               "-ts_adapt_scale_solve_failed 1: allowed is a number > 0 and < 1"),
     "pc_type": (["-pc_type", "nosuch"], "-pc_type nosuch: Unknown type"),
     "ksp_type": (["-ksp_type", "nosuch"], "-ksp_type nosuch: Unknown type"),
     "snes_type": (["-snes_type", "nosuch"], "-snes_type nosuch: Unknown type"),
