@@ -4,6 +4,7 @@ A command that runs on ranks passes its work to `start`; one that needs numpy on
 `answer`. Only this module and `pgran.options` know what an option is called.
 """
 
+import importlib
 import json
 import os
 import re
@@ -43,6 +44,13 @@ DIRECT = {"ts_adapt_scale_solve_failed": "0.25", "snes_linesearch_type": "basic"
 #: ... and for pseudo-time what options/steady.opts says besides.
 PSEUDO = {"ts_pseudo_increment": "2", "ts_pseudo_fatol": "1e-8", "ts_pseudo_frtol": "1e-50",
           "ts_max_steps": "200"}
+#: Options that PETSc reads before or after a run, so that nothing tells whether it knows them.
+OUTSIDE = ("options_file", "options_left", "options_view", "options_monitor", "skip_petscrc",
+           "log_view", "log_view_memory", "log_all", "log_trace", "log_sync", "log_summary",
+           "log_exclude", "log_include", "log_nest", "log_perfstubs", "malloc", "malloc_debug",
+           "malloc_dump", "malloc_view", "malloc_view_threshold", "malloc_test", "memory_view",
+           "objects_dump", "citations", "on_error_abort", "on_error_attach_debugger",
+           "on_error_mpiabort", "not_shared_tmp", "shared_tmp", "ts_view", "ts_converged_reason")
 #: Options of PETSc that a misspelt one may have meant.
 COMMON = ("ts_type", "ts_max_steps", "ts_monitor", "ts_adapt_scale_solve_failed",
           "ts_pseudo_increment", "ts_pseudo_fatol", "ts_pseudo_frtol", "snes_type", "snes_rtol",
@@ -51,9 +59,13 @@ COMMON = ("ts_type", "ts_max_steps", "ts_monitor", "ts_adapt_scale_solve_failed"
           "ksp_type", "ksp_rtol", "ksp_atol", "ksp_max_it", "ksp_monitor", "ksp_converged_reason",
           "ksp_view", "pc_type", "pc_mg_levels", "pc_fieldsplit_type", "mat_type",
           "pc_factor_mat_solver_type", "mat_mumps_icntl_14", "eps_nev", "eps_ncv", "eps_tol",
-          "eps_max_it", "eps_target", "st_type", "st_ksp_type", "st_pc_type", "log_view")
-#: Options that PETSc reads when it ends.
-LAST = re.compile("options_|malloc_|objects_|memory_|log_|citations|saws|on_error|not_shared")
+          "eps_max_it", "eps_target", "st_type", "st_ksp_type", "st_pc_type", "vec_type",
+          "dm_vec_type", "dm_mat_type", *OUTSIDE)
+#: Variables of the environment that PETSc reads options from.
+SOURCES = "PETSC_OPTIONS", "PETSC_OPTIONS_YAML"
+NO_YAML = "options are not read from YAML; -options_file takes a file of lines -name value"
+#: Longest line of an options file, characters.
+LONGEST = 10000
 
 
 def as_json(answer):
@@ -99,17 +111,15 @@ def start(arguments, action, description="", rows=(), slepc=False,
     wants_help = any(argument in HELP for argument in arguments)
     given, problem = [argument for argument in arguments if argument not in HELP], None
     try:
-        check_command_line(given[1:])
-    except OptionError as error:
-        given, problem = given[:1], error  # so that PETSc starts, and all ranks can end together
+        check_sources(given[1:])
+    except OptionError as error:  # so that PETSc starts, and all ranks can end together
+        given, problem = [*given[:1], "-skip_petscrc"], error
+        for name in SOURCES:
+            os.environ.pop(name, None)
     given = ["pgran", *FIRST, *file_first(given)[1:]]
     asked = {number: signal.getsignal(number) for number in SIGNALS}
-    if slepc:
-        import slepc4py
-        slepc4py.init(given)
-    else:
-        import petsc4py
-        petsc4py.init(given)
+    package = importlib.import_module("slepc4py" if slepc else "petsc4py")
+    package.init(given)
     from petsc4py import PETSc
 
     asked[signal.SIGPIPE] = signal.SIG_IGN  # `Stream` sees the error
@@ -212,6 +222,39 @@ def is_option(text):
     return bool(re.match(r"--?[A-Za-z_]", text))
 
 
+def check_sources(words):
+    """Check the words of a command line, and all else that PETSc reads options from.
+
+    That is PETSC_OPTIONS, and .petscrc and petscrc in the home and in the present folder. Raises
+    `OptionError` as `check_command_line` and `read_file` do.
+    """
+    try:
+        more = shlex.split(os.environ.get(SOURCES[0], ""))
+    except ValueError as problem:
+        raise OptionError(f"{SOURCES[0]}: {str(problem).lower()}") from None
+    check_command_line(words)
+    check_command_line(more, SOURCES[0])
+    if os.environ.get(SOURCES[1]):
+        raise OptionError(f"{SOURCES[1]}: {NO_YAML}")
+    if "-skip_petscrc" in words + more:
+        return
+    for path in (Path(os.path.expanduser("~"), ".petscrc"), Path(".petscrc"), Path("petscrc")):
+        if path.exists():
+            read_file(path, label=path)
+
+
+def check_name(word, where):
+    """Raise `OptionError` where an option is written as none of PETSc's is."""
+    if word.startswith("--"):
+        raise OptionError(f"{word}: options begin with one dash, as in {word[1:]} ({where})")
+    if "=" in word:
+        name, _, value = word.partition("=")
+        raise OptionError(f"{word}: a blank divides name and value, as in {name} "
+                          f"{value or 'VALUE'} ({where})")
+    if word in ("-options_file_yaml", "-options_string_yaml"):
+        raise OptionError(f"{word}: {NO_YAML} ({where})")
+
+
 def check_command_line(words, where="command line"):
     """Raise `OptionError` where the words of a command line are not ``-name [value]``.
 
@@ -220,8 +263,7 @@ def check_command_line(words, where="command line"):
     expected = False  # whether a value may follow
     for word, value in zip(words, [*words[1:], ""]):
         if is_option(word):
-            if word.startswith("--"):
-                raise OptionError(f"{word}: options begin with one dash, as in {word[1:]}")
+            check_name(word, where)
             if word == "-options_file":
                 if not value or is_option(value):
                     raise OptionError("-options_file: the name of a file is missing")
@@ -234,15 +276,17 @@ def check_command_line(words, where="command line"):
                               f"dash ({where})")
 
 
-def read_file(path, above=()):
+def read_file(path, above=(), label=None):
     """Return the options of a file, {name: text}; those of files that it names are among them.
+
+    ``label`` is what messages call it.
 
     Raises
     ------
     OptionError
         If a file cannot be read, or a line is not ``-name [value]``.
     """
-    label = f"-options_file {path}"
+    label = label or f"-options_file {path}"
     if not os.path.exists(path):
         raise OptionError(f"{label}: there is no such file")
     if os.path.realpath(path) in above:
@@ -259,6 +303,8 @@ def read_file(path, above=()):
 
         if "\0" in line:
             refuse("it is no text")
+        if len(line) > LONGEST:
+            refuse(f"it has {len(line)} characters; allowed are {LONGEST}")
         try:
             words = shlex.split(line, comments=True)
         except ValueError as problem:
@@ -268,6 +314,7 @@ def read_file(path, above=()):
         name, *value = words
         if not is_option(name) or name.startswith("--"):
             refuse(f"{name} is no option; a line holds -name value")
+        check_name(name, f"{label}, line {number}")
         if len(value) > 1:
             refuse(f"{' '.join(value[1:])} is too much; a line holds one option, -name value")
         if name == "-options_file":
@@ -310,7 +357,7 @@ def misspelt(name, other):
 
 def _check_names(everything, rows, run_rows):
     """Refuse a name that is nearly one of this command, of a run, or of PETSc."""
-    mine = {row.name: f"-{row.name}" for row in rows}
+    mine = {name: f"-{name}" for name in (*(row.name for row in rows), "options_file")}
     runs = {row.name: f"-{row.prefix}{row.name}" for row in run_rows}
     for name, value in everything.items():
         if name in mine or name.startswith(options.PREFIX):
@@ -333,7 +380,7 @@ def unread():
     from petsc4py import PETSc
 
     return {name: value or "" for name, value in PETSc.Options().getAll().items()
-            if not LAST.match(name) and not was_read(name)}
+            if name not in OUTSIDE and not was_read(name)}
 
 
 def report_unread(comm):

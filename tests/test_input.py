@@ -16,6 +16,8 @@ from pgran.studies import launch
 
 DIRECT = "-options_file", str(ROOT / "options" / "direct.opts")
 COARSE = "-pgran_element_size", "8"
+#: What makes a run refuse what nothing has read, which it knows after a step, without a new file.
+LAST = "-pgran_element_size", "20"
 
 
 @pytest.fixture(scope="module")
@@ -24,9 +26,10 @@ def server():
     environment = launch.command(0)[1]
     with subprocess.Popen([sys.executable, ROOT / "tests" / "forkserver.py"], env=environment,
                           stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        def run(module, arguments, folder):
+        def run(module, arguments, folder, **environment):
             files = {name: str(folder / f".{name}") for name in ("output", "errors")}
             process.stdin.write(json.dumps({"module": f"pgran.{module}", "folder": str(folder),
+                                            "environment": environment,
                                             "arguments": list(arguments), **files}) + "\n")
             process.stdin.flush()
             answer = json.loads(process.stdout.readline())
@@ -91,6 +94,9 @@ def folder(tmp_path_factory):
     (folder / "bare.opts").write_text("pgran_width 40\n")
     (folder / "dashes.opts").write_text("--pgran_width 40\n")
     (folder / "quote.opts").write_text('-pgran_width "40\n')
+    (folder / "long.opts").write_text("-pgran_width 40 " * 200000)
+    (folder / "home").mkdir()
+    (folder / "home" / ".petscrc").write_text("-pgran_width 40\nneither this nor that\n")
     (folder / "misspelt.opts").write_text("-pgran_widht 40\n")
     (folder / "law.py").write_text("raise RuntimeError('this law is not ready')\n")
     (folder / "shape.py").write_text(
@@ -139,7 +145,15 @@ RUNS = {
     "misspelt ksp": (["-kspp_type", "lu"], "did you mean -ksp_type?"),
     "misspelt name": (["-snes_rtoll", "1"], "-snes_rtoll 1: no such option; did you mean"),
     "value missing": (["-pgran_width", "-pgran_height", "80"], "-pgran_width"),
+    "equals sign": (["-options_file=two.opts"], "a blank divides name and value, as in "
+                    "-options_file two.opts"),
+    "misspelt file": (["-options_flie", "two.opts"], "did you mean -options_file?"),
+    "dash in file": (["-options-file", "two.opts"], "did you mean -options_file?"),
+    "file in one word": (["-optionsfile", "two.opts"], "did you mean -options_file?"),
+    "log": ([*DIRECT, *LAST, "-log_viwe"], "-log_viwe: no such option; did you mean -log_view?"),
     # options files
+    "YAML": (["-options_file_yaml", "two.opts"], "options are not read from YAML; -options_file"),
+    "no line ends": (["-options_file", "long.opts"], "long.opts, line 1: it has 3200000"),
     "no file": (["-options_file", "nosuch.opts"], "nosuch.opts: there is no such file"),
     "file not named": (["-options_file"], "the name of a file is missing"),
     "folder as file": (["-options_file", "folder.h5"], "cannot be read as text"),
@@ -303,6 +317,21 @@ def test_a_run_that_cannot_be_is_refused(server, folder, before, name):
     done = server("__main__", ["-pgran_output", "keep.h5", *(
         () if {"-pgran_element_size", "-pgran_case"} & set(arguments) else COARSE), *arguments],
                   folder)
+    refused(done, message, folder, before)
+
+
+@pytest.mark.parametrize("name, value, message", [
+    ("PETSC_OPTIONS", "-pgran_width 40 80", "80: not an option, nor the value of one"),
+    ("PETSC_OPTIONS", "-options_file nosuch", "-options_file nosuch: there is no such file"),
+    ("PETSC_OPTIONS", "-pgran_width '40", "PETSC_OPTIONS: no closing quotation"),
+    ("PETSC_OPTIONS", "-options_file_yaml two.opts", "options are not read from YAML"),
+    ("PETSC_OPTIONS", "-pgran_widht 40", "did you mean -pgran_width"),
+    ("PETSC_OPTIONS_YAML", "a: b", "PETSC_OPTIONS_YAML: options are not read from YAML"),
+    ("HOME", "home", ".petscrc, line 2: neither is no option")])
+@pytest.mark.parametrize("command", ["__main__", "growth"])
+def test_all_that_petsc_reads_options_from_is_checked(server, folder, before, command, name, value,
+                                                      message):
+    done = server(command, ["-pgran_output", "keep.h5", *COARSE], folder, **{name: value})
     refused(done, message, folder, before)
 
 
