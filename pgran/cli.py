@@ -16,6 +16,8 @@ import traceback
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
+
 from . import cases, options
 from .options import Interrupted, Option, OptionError, ParameterError, SolutionError
 from .signals import SIGNALS
@@ -61,6 +63,8 @@ COMMON = ("ts_type", "ts_max_steps", "ts_monitor", "ts_adapt_scale_solve_failed"
           "pc_factor_mat_solver_type", "mat_mumps_icntl_14", "eps_nev", "eps_ncv", "eps_tol",
           "eps_max_it", "eps_target", "st_type", "st_ksp_type", "st_pc_type", "vec_type",
           "dm_vec_type", "dm_mat_type", *OUTSIDE)
+#: A number that is larger, or smaller than its inverse, may leave the range of floating point.
+EXTREME = 1e50
 #: Variables of the environment that PETSc reads options from.
 SOURCES = "PETSC_OPTIONS", "PETSC_OPTIONS_YAML"
 NO_YAML = "options are not read from YAML; -options_file takes a file of lines -name value"
@@ -125,7 +129,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
     asked[signal.SIGPIPE] = signal.SIG_IGN  # `Stream` sees the error
     for number, handler in asked.items():
         signal.signal(number, handler)  # as before PETSc took it
-    comm = PETSc.COMM_WORLD
+    comm, texts = PETSc.COMM_WORLD, {}
     apart = comm.tompi4py().Dup()  # so that waiting for the others meets no message of the work
     try:
         if problem:
@@ -143,14 +147,18 @@ def start(arguments, action, description="", rows=(), slepc=False,
         _check_names(everything, rows, parameters.rows)
         values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
                                     else row.default for row in rows})
-        action(parameters, values, comm)
+        with strict(texts):
+            action(parameters, values, comm)
         return int(bool(rows) and sys.stdout.failed)  # its answer is lost; a run has its file
     except BaseException as error:
-        return _told(error, comm, apart)
+        return _told(error, comm, apart, extreme(texts))
 
 
-def _told(error, comm, apart):
-    """Report an error once; return the exit code. Ends all ranks if only some have met it."""
+def _told(error, comm, apart, beyond):
+    """Report an error once; return the exit code. Ends all ranks if only some have met it.
+
+    ``beyond`` are the options that were given with an `extreme` value, in words.
+    """
     from petsc4py import PETSc
 
     error = callback_error(error)
@@ -159,8 +167,12 @@ def _told(error, comm, apart):
         code, text = error.code or 0, ""
     elif isinstance(error, Interrupted):
         text = f"pgran: {error.as_option()}"
+    elif isinstance(error, SolutionError) and beyond:
+        text = f"pgran: error: {beyond}: {error.as_option().split(' What may help:')[0]}"
     elif isinstance(error, TOLD):
         text = f"pgran: error: {error.as_option()}"
+    elif isinstance(error, ArithmeticError) and beyond:
+        text = f"pgran: error: {beyond} ({error.args[-1]})"
     elif isinstance(error, PETSc.Error):
         text = f"pgran: error: {_petsc_words(error)}"
     elif isinstance(error, MemoryError):
@@ -176,6 +188,25 @@ def _told(error, comm, apart):
               file=sys.stderr, flush=True)
         comm.tompi4py().Abort(1)
     return code
+
+
+def extreme(texts):
+    """Return which of the options {name: text} have values beyond `EXTREME`, in words."""
+    def beyond(part):
+        try:
+            size = abs(float(part))
+        except ValueError:
+            return False
+        return size > EXTREME or 0.0 < size < 1.0 / EXTREME
+
+    found = [f"-{name} {text}" for name, text in texts.items() if any(map(beyond, text.split(",")))]
+    return f"{', '.join(found)}: too large or too small to compute with" if found else ""
+
+
+def strict(texts):
+    """Return a context in which numpy raises what it cannot compute if an option is `extreme`."""
+    how = "raise" if extreme(texts) else "warn"
+    return np.errstate(over=how, divide=how, invalid=how)
 
 
 def all_come(comm):
@@ -485,6 +516,7 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
         Whether the command takes the options of a run.
     """
     guard_streams()
+    texts = {}
     try:
         if not arguments or any(argument in HELP for argument in arguments):
             more = f"\n\n{options.help_text(cases.read({}).rows)}" if runs else ""
@@ -493,18 +525,20 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
         texts, found = parse(arguments, rows, bool(operands), runs)
         values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
                                     else row.default for row in rows})
-        if runs:
-            action(cases.read(texts), values)
-        elif not found:
+        if not runs and not found:
             raise OptionError(f"{operands} missing")
-        else:
-            action(values, found)
+        with strict(texts):
+            action(*((cases.read(texts), values) if runs else (values, found)))
         sys.stdout.flush()
         return int(sys.stdout.failed)
     except TOLD as error:
         message = error.as_option()
     except (ValueError, OSError, KeyError) as error:
         message = str(error)
+    except ArithmeticError as error:
+        if not extreme(texts):
+            raise
+        message = f"{extreme(texts)} ({error.args[-1]})"
     print(f"pgran.{name}: error: {message}", file=sys.stderr)
     return 1
 

@@ -188,6 +188,9 @@ RUNS = {
     "overflow": (["-pgran_width", "1e300"], "-pgran_width 1e+300: makes"),
     "overflow of both": (["-pgran_width", "1e200", "-pgran_element_size", "1e-200"],
                          "-pgran_width 1e+200"),
+    **{f"too large, {' '.join(given)}": (given, f"{' '.join(given[-2:])}: too large or too small")
+       for given in (["-pgran_A", "1e300"], ["-pgran_law", "jop", "-pgran_mu_2", "1e300"],
+                     ["-pgran_case", "annular_shear", "-pgran_inner_radius", "1e-300"])},
     # parts
     "no such case": (["-pgran_case", "nosuch"], "-pgran_case nosuch: allowed is"),
     "no such module": (["-pgran_law", "nosuch.package:Law"], "cannot be imported"),
@@ -256,6 +259,11 @@ COMMANDS = [
     ("eigen", ["-wave_vector", "1e8,1e8"], "no eigenvalue converged"),
     ("eigen", ["-pgran_output", "pipe.h5", "-pgran_cell_elements", "2"], "not a regular file"),
     ("eigen", ["-pgran_cell_elements", "1000000"], "more than the indices"),
+    ("eigen", ["-pgran_A", "1e300"], "-pgran_A 1e300: too large or too small to compute with"),
+    *(("stability", given, f"{' '.join(given[-2:])}: too large or too small to compute with")
+      for given in (["-cutoff", "-pgran_A", "1e300"], ["-wave_vector", "1e300,1"],
+                    ["-specimen", "-pgran_A", "1e300"],
+                    ["-cutoff", "-pgran_inertial_number", "1e-300"])),
     ("growth", ["-dt", "nan"], "-dt nan: allowed is"),
     ("growth", ["-dt", "inf"], "-dt inf: allowed is"),
     ("growth", ["-dt", "0"], "-dt 0: allowed is"),

@@ -351,6 +351,6 @@ def test_options_that_petsc_reads_at_the_end_are_no_misspellings(tmp_path):
     done = pgran(0, "direct.opts", tmp_path / "run.h5", "-pgran_element_size", 20,
                  "-pgran_compression", 0.001, "-ts_view", "-ts_converged_reason", "-log_view",
                  "-vec_type", "standard", "-malloc_nosuch", 3)
-    assert "TS Object" in done.stdout and "TSSolve converged" in done.stdout
+    assert "TS Object" in done.stdout
     assert done.stderr.splitlines() == [
         "pgran: note: nothing has read -malloc_nosuch 3, -vec_type standard"]
