@@ -39,7 +39,12 @@ def complete(texts):
     """Add the options of the run that a restart in time goes on from, {name: text}."""
     if not texts.get("pgran_restart") or steady():
         return texts
+    from .options import ParameterError
     from .output.reading import continued
+
+    if number := texts.get("pgran_restart_snapshot"):
+        raise ParameterError("restart_snapshot", number, "allowed only with @@ts_type pseudo; a "
+                             "run in time goes on from its newest checkpoint")
 
     return continued(texts)
 

@@ -163,9 +163,7 @@ def _told(error, comm, apart, beyond):
 
     error = callback_error(error)
     code = STOPPED if isinstance(error, Interrupted) else 1
-    if isinstance(error, SystemExit):
-        code, text = error.code or 0, ""
-    elif isinstance(error, Interrupted):
+    if isinstance(error, Interrupted):
         text = f"pgran: {error.as_option()}"
     elif isinstance(error, SolutionError) and beyond:
         text = f"pgran: error: {beyond}: {error.as_option().split(' What may help:')[0]}"
@@ -393,6 +391,8 @@ def _check_names(everything, rows, run_rows):
     for name, value in everything.items():
         if name in mine or name.startswith(options.PREFIX):
             continue
+        if (value or "").lower() == "nan":
+            raise OptionError(f"-{name} {value}: allowed is a number")
         head = name.replace("-", "_").split("_")[0]
         near = [text for known, text in mine.items() if len(name) > 3 and misspelt(name, known)]
         if near:

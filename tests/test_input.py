@@ -99,6 +99,7 @@ def folder(tmp_path_factory):
     (folder / "home" / ".petscrc").write_text("-pgran_width 40\nneither this nor that\n")
     (folder / "misspelt.opts").write_text("-pgran_widht 40\n")
     (folder / "law.py").write_text("raise RuntimeError('this law is not ready')\n")
+    (folder / "leave.py").write_text("import sys\nsys.exit(0)\n")
     (folder / "shape.py").write_text(
         "from pgran.cases import Case\nclass A(Case):\n    shape = 2, -1\n"
         "    def coordinates(self, i, j):\n        return i, j\n")
@@ -197,6 +198,7 @@ RUNS = {
     "no such file of a case": (["-pgran_case", "nosuch.py:A"], "there is no such file"),
     "no such class": (["-pgran_case", "shape.py:B"], "has no class B"),
     "broken file": (["-pgran_law", "law.py:Law"], "this law is not ready"),
+    "file that leaves": (["-pgran_law", "leave.py:Law"], "leave.py cannot be imported: SystemExit"),
     "wrong kind": (["-pgran_law", "shape.py:A"], "is not a subclass"),
     "bad shape": (["-pgran_case", "shape.py:A"], "its shape is"),
     # output
@@ -205,6 +207,8 @@ RUNS = {
     "pipe as output": (["-pgran_output", "pipe.h5"], "not a regular file"),
     "folder as output": (["-pgran_output", "folder.h5"], "not a regular file"),
     "file as folder": (["-pgran_output", "keep.h5/x.h5"], "-pgran_output keep.h5/x.h5: "),
+    "checkpoint as output": (["-pgran_output", "keep.checkpoint_000049.h5"],
+                             "this is the name of a checkpoint of keep.h5"),
     "no folder": (["-pgran_output", "/proc/none/x.h5"], "-pgran_output /proc/none/x.h5: "),
     # restart and seed
     **{f"restart from {kind}": (["-pgran_restart", f"{kind}.h5"],
@@ -218,6 +222,9 @@ RUNS = {
            "keep": "it has no checkpoint to go on from"}.items()},
     "restart with another width": (["-pgran_restart", "keep.h5", "-pgran_width", "16"],
                                    "cannot change -pgran_width (here 16, there 8.0)"),
+    "restart in time from a snapshot": (["-pgran_restart", "keep.h5", "-pgran_restart_snapshot",
+                                         "0"], "-pgran_restart_snapshot 0: allowed only with "
+                                        "-ts_type pseudo"),
     "restart with another law": (["-pgran_restart", "keep.h5", "-pgran_law", "jop"],
                                  "cannot change -pgran_law (here jop, there bingham)"),
     **{f"steady from {kind}": (["-ts_type", "pseudo", "-pgran_restart", f"{kind}.h5"], text)
@@ -235,6 +242,12 @@ RUNS = {
     "no step": (["-ts_dt", "0"], "-ts_dt 0: allowed is a number > 0"),
     "step repeated as it is": (["-ts_adapt_scale_solve_failed", "1"],
                                "-ts_adapt_scale_solve_failed 1: allowed is a number > 0 and < 1"),
+    "no iterations": (["-snes_max_it", "-1"], "-snes_max_it -1: allowed is an integer >= 1"),
+    "no number": (["-snes_rtol", "nan"], "-snes_rtol nan: allowed is a number"),
+    **{name: ([f"-{name}"], f"-{name} 1: allowed is false: a step that fails is repeated smaller")
+       for name in ("snes_error_if_not_converged", "ksp_error_if_not_converged",
+                    "ts_error_if_step_fails")},
+    "dm_mat_type": (["-dm_mat_type", "nosuch"], "-dm_mat_type nosuch: allowed is aij"),
     "pc_type": (["-pc_type", "nosuch"], "-pc_type nosuch: Unknown type"),
     "ksp_type": (["-ksp_type", "nosuch"], "-ksp_type nosuch: Unknown type"),
     "snes_type": (["-snes_type", "nosuch"], "-snes_type nosuch: Unknown type"),
@@ -268,6 +281,8 @@ COMMANDS = [
     ("growth", ["-dt", "inf"], "-dt inf: allowed is"),
     ("growth", ["-dt", "0"], "-dt 0: allowed is"),
     ("growth", ["-dt", "1e3", *COARSE], "step of 1000/gdot0 (-dt) has changed"),
+    ("growth", ["-dt", "1e-3,1e-3"], "-dt 0.001,0.001: allowed are steps that differ"),
+    ("studies.__main__", ["kill", "abc"], "abc: allowed is a number of kills"),
     ("growth", ["-without", "nosuch"], "-without nosuch: allowed is"),
     ("measure", [], ""),
     ("measure", ["nosuch.h5"], "there is no such file"),

@@ -16,14 +16,15 @@ from .files import Disk, Draft, blocks_of, local_part, private, told, write_bloc
 
 #: How many checkpoints of a run are kept.
 KEPT = 2
+#: The name of a checkpoint, without the folder.
+NAME = re.compile(r"(.+)\.checkpoint_(\d+)\.h5")
 
 
 def checkpoints_of(path):
     """Return the checkpoints of a result file, newest first, a list of Path."""
     path = Path(path)
-    pattern = re.compile(re.escape(path.stem) + r"\.checkpoint_(\d+)\.h5")
-    found = [(int(match[1]), entry) for entry in path.parent.iterdir()
-             if (match := pattern.fullmatch(entry.name))]
+    found = [(int(match[2]), entry) for entry in path.parent.iterdir()
+             if (match := NAME.fullmatch(entry.name)) and match[1] == path.stem]
     return [entry for _, entry in sorted(found, reverse=True)]
 
 

@@ -21,7 +21,7 @@ from petsc4py import PETSc
 
 from .. import __version__
 from ..options import PREFIX, ParameterError
-from .checkpoint import checkpoints_of
+from .checkpoint import NAME, checkpoints_of
 from .files import Disk, Draft, Lock, blocks_of, local_part, together, write_blocks, write_text
 from .reading import FIELDS, ResultError, opened, stored_parameters
 
@@ -89,6 +89,8 @@ class Writer:
         """Check that the file can be written, and take the right to do so."""
         if self.path.exists() and not self.path.is_file():
             raise OSError("it exists and is not a regular file")
+        if match := NAME.fullmatch(self.path.name):
+            raise OSError(f"this is the name of a checkpoint of {match[1]}.h5")
         self._made = [folder for folder in self.path.parents if not folder.exists()]
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = Lock(self.path)

@@ -173,7 +173,7 @@ class Driver:
         return ts
 
     def _check_options(self, ts):
-        """Refuse options of TS with which a run would never end."""
+        """Refuse options of PETSc with which a run would never end, or not as it should."""
         def check(name, value, good, allowed):
             if not good:
                 raise ParameterError(name, f"{value:g}", f"allowed is {allowed}", prefix="")
@@ -183,7 +183,17 @@ class Driver:
               f"{self._time:g}, where this run begins")
         dt = ts.getTimeStep()
         check("ts_dt", dt, 0.0 < dt < np.inf, "a number > 0")
-        share = PETSc.Options().getReal("ts_adapt_scale_solve_failed", 0.25)
+        most = ts.getSNES().getTolerances()[3]
+        check("snes_max_it", most, most >= 1, "an integer >= 1")
+        database = PETSc.Options()
+        for name in ("snes_error_if_not_converged", "ksp_error_if_not_converged",
+                     "ts_error_if_step_fails"):
+            check(name, 1, not database.getBool(name, False),
+                  "false: a step that fails is repeated smaller")
+        kind = database.getString("dm_mat_type", PETSc.Mat.Type.AIJ)
+        if not kind.endswith(PETSc.Mat.Type.AIJ):
+            raise ParameterError("dm_mat_type", kind, "allowed is aij", prefix="")
+        share = database.getReal("ts_adapt_scale_solve_failed", 0.25)
         check("ts_adapt_scale_solve_failed", share, 0.0 < share < 1.0, "a number > 0 and < 1: a "
               "step that fails is repeated smaller")
 
