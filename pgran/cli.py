@@ -44,8 +44,8 @@ DIRECT = {"ts_adapt_scale_solve_failed": "0.25", "snes_linesearch_type": "basic"
           "ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps",
           "mat_mumps_icntl_14": "100"}
 #: ... and for pseudo-time what options/steady.opts says besides.
-PSEUDO = {"ts_pseudo_increment": "2", "ts_pseudo_fatol": "1e-8", "ts_pseudo_frtol": "1e-50",
-          "ts_max_steps": "200"}
+PSEUDO = {"snes_type": "newtonls", "ts_pseudo_increment": "2", "ts_pseudo_fatol": "1e-8",
+          "ts_pseudo_frtol": "1e-50", "ts_max_steps": "200"}
 #: Options that PETSc reads before or after a run, so that nothing tells whether it knows them.
 OUTSIDE = ("options_file", "options_left", "options_view", "options_monitor", "skip_petscrc",
            "log_view", "log_view_memory", "log_all", "log_trace", "log_sync", "log_summary",
@@ -586,8 +586,9 @@ def steady():
 def choose_solver():
     """Give the options of `DIRECT` that are missing, unless ``-pc_type`` says that one was chosen.
 
-    Returns whether it did so. PETSc's own defaults do not solve these equations, and never end
-    pseudo-time: the options of `PSEUDO` that are missing are given to every steady run.
+    Returns whether it did so. PETSc's own defaults do not solve these equations. Those of
+    TSPSEUDO solve one linear system a step and never end: the options of `PSEUDO` that are missing
+    are given to every steady run.
     """
     from petsc4py import PETSc
 
