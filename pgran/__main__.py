@@ -14,25 +14,45 @@ import resource
 import sys
 import time
 
-from .cli import Signals, all_come, choose_solver, report_unread, solver_options, start, steady
+from .signals import Signals
+
+ASKED = Signals() if __name__ == "__main__" else None  # before all that takes longer to import
+
+from .cli import (  # noqa: E402
+    all_come,
+    choose_solver,
+    report_unread,
+    solver_options,
+    start,
+    steady,
+)
 
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
-    return start(arguments, run, __doc__, complete=complete)
+    asked = ASKED or Signals()
+    return start(arguments, lambda parameters, own, comm: run(parameters, comm, asked), __doc__,
+                 complete=complete)
 
 
 def complete(texts):
     """Add the options of the run that a restart in time goes on from, {name: text}."""
     if not texts.get("pgran_restart") or steady():
         return texts
+    from .options import ParameterError
     from .output.reading import continued
+
+    if number := texts.get("pgran_restart_snapshot"):
+        raise ParameterError("restart_snapshot", number, "allowed only with @@ts_type pseudo; a "
+                             "run in time goes on from its newest checkpoint")
 
     return continued(texts)
 
 
-def run(parameters, own, comm):
+def run(parameters, comm, asked):
     """Solve the case of the parameters and write its results. Collective.
+
+    ``asked()`` says on each rank whether the run shall stop, as a text, or None.
 
     Raises
     ------
@@ -49,13 +69,13 @@ def run(parameters, own, comm):
     if parameters.inertia and steady() and parameters.part("case").moving:
         raise ParameterError("inertia", "true", "steady flow on a mesh that moves is quasi-static; "
                              "allowed with -ts_type pseudo is false")
-    Run(discretise(parameters, comm), steady()).do()
+    Run(discretise(parameters, comm), steady(), asked).do()
 
 
 class Run:
     """One run: its driver, its result file, its checkpoints and what it says. Collective."""
 
-    def __init__(self, form, is_steady):
+    def __init__(self, form, is_steady, asked):
         from .output.results import BALANCE, HISTORY, Source, Writer
         from .output.terminal import Terminal
         from .solve import state
@@ -83,7 +103,7 @@ class Run:
         self.landed = self.source.snapshots if self.source else 0
         direct = choose_solver()
         self.driver = Driver(form, first, self.observe, is_steady, behind=behind,
-                             interrupted=Signals())
+                             interrupted=asked)
         if direct:
             self.terminal.say("pgran: no -pc_type is given; MUMPS solves every linear system, as "
                               "with options/direct.opts")
@@ -108,11 +128,10 @@ class Run:
                     error.alone = True
                     raise
                 self.stop(isinstance(error, Interrupted))
-                if isinstance(error, Interrupted):
-                    raise Interrupted(
-                        f"stopped by {error} at {self.case.label(driver.state.time)}; "
-                        f"@restart {self.writer.path} goes on from there") from None
-                raise
+                if not isinstance(error, Interrupted):
+                    raise
+                raise Interrupted(f"stopped by {error} at {self.case.label(driver.state.time)}; "
+                                  + self.further()) from None
             if not driver.started and driver.state.time > (1.0 + 1e-9) * self.case.targets[-1]:
                 raise ParameterError(
                     "restart", self.parameters.restart, "its checkpoint, at "
@@ -122,10 +141,14 @@ class Run:
         finally:
             self.writer.close()
 
-    def begin(self):
-        """Make the result file, once the options were read by whoever reads them."""
+    def begin(self, tried=True):
+        """Make the result file.
+
+        ``tried`` says that a step was, so that whoever reads options has read them.
+        """
         if not self.writer.begun:
-            report_unread(self.form.grid.comm)
+            if tried:
+                report_unread(self.form.grid.comm)
             self.writer.begin(self.source, solver_options=solver_options())
             if self.writer.kept:
                 self.terminal.say(f"  an earlier {self.writer.path} is kept as {self.writer.kept}")
@@ -181,11 +204,19 @@ class Run:
         """Return what the run has taken so far, s, what lies before a restart included."""
         return float(self.behind.get("seconds", 0.0)) + time.monotonic() - self.began
 
+    def further(self):
+        """Return how a run that was stopped goes on, in words."""
+        if not self.steady:
+            return f"@restart {self.writer.path} goes on from there"
+        if self.driver.started:
+            return f"@restart {self.writer.path} seeks the steady flow from there"
+        return "there is nothing to go on from: start it again"
+
     # The end
 
     def stop(self, interrupted):
         """Keep what a run has that cannot or shall not go on."""
-        self.begin()
+        self.begin(tried=self.driver.started or not interrupted)
         if self.driver.started and (self.steady or not interrupted):
             self.writer.snapshot(self.driver.state.time, self.driver.fields())
         if not self.steady:

@@ -4,6 +4,7 @@ A command that runs on ranks passes its work to `start`; one that needs numpy on
 `answer`. Only this module and `pgran.options` know what an option is called.
 """
 
+import importlib
 import json
 import os
 import re
@@ -15,8 +16,11 @@ import traceback
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
+
 from . import cases, options
 from .options import Interrupted, Option, OptionError, ParameterError, SolutionError
+from .signals import SIGNALS
 from .versions import FIRST, callback_error, was_read
 
 HELP = ("-help", "--help", "-h")
@@ -24,8 +28,6 @@ HELP = ("-help", "--help", "-h")
 TOLD = OptionError, ParameterError, SolutionError
 #: Exit code of a run that was asked to stop and can go on (EX_TEMPFAIL of sysexits.h).
 STOPPED = 75
-#: Signals that ask a run to stop; batch systems send them before they kill.
-SIGNALS = signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2
 #: Seconds that the other ranks have to raise an error too, before it is taken for one rank's own.
 TOGETHER = 3.0
 #: The flag that asks for JSON, which most commands have.
@@ -42,8 +44,15 @@ DIRECT = {"ts_adapt_scale_solve_failed": "0.25", "snes_linesearch_type": "basic"
           "ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps",
           "mat_mumps_icntl_14": "100"}
 #: ... and for pseudo-time what options/steady.opts says besides.
-PSEUDO = {"ts_pseudo_increment": "2", "ts_pseudo_fatol": "1e-8", "ts_pseudo_frtol": "1e-50",
-          "ts_max_steps": "200"}
+PSEUDO = {"snes_type": "newtonls", "ts_pseudo_increment": "2", "ts_pseudo_fatol": "1e-8",
+          "ts_pseudo_frtol": "1e-50", "ts_max_steps": "200"}
+#: Options that PETSc reads before or after a run, so that nothing tells whether it knows them.
+OUTSIDE = ("options_file", "options_left", "options_view", "options_monitor", "skip_petscrc",
+           "log_view", "log_view_memory", "log_all", "log_trace", "log_sync", "log_summary",
+           "log_exclude", "log_include", "log_nest", "log_perfstubs", "malloc", "malloc_debug",
+           "malloc_dump", "malloc_view", "malloc_view_threshold", "malloc_test", "memory_view",
+           "objects_dump", "citations", "on_error_abort", "on_error_attach_debugger",
+           "on_error_mpiabort", "not_shared_tmp", "shared_tmp", "ts_view", "ts_converged_reason")
 #: Options of PETSc that a misspelt one may have meant.
 COMMON = ("ts_type", "ts_max_steps", "ts_monitor", "ts_adapt_scale_solve_failed",
           "ts_pseudo_increment", "ts_pseudo_fatol", "ts_pseudo_frtol", "snes_type", "snes_rtol",
@@ -52,9 +61,15 @@ COMMON = ("ts_type", "ts_max_steps", "ts_monitor", "ts_adapt_scale_solve_failed"
           "ksp_type", "ksp_rtol", "ksp_atol", "ksp_max_it", "ksp_monitor", "ksp_converged_reason",
           "ksp_view", "pc_type", "pc_mg_levels", "pc_fieldsplit_type", "mat_type",
           "pc_factor_mat_solver_type", "mat_mumps_icntl_14", "eps_nev", "eps_ncv", "eps_tol",
-          "eps_max_it", "eps_target", "st_type", "st_ksp_type", "st_pc_type", "log_view")
-#: Options that PETSc reads when it ends.
-LAST = re.compile("options_|malloc_|objects_|memory_|log_|citations|saws|on_error|not_shared")
+          "eps_max_it", "eps_target", "st_type", "st_ksp_type", "st_pc_type", "vec_type",
+          "dm_vec_type", "dm_mat_type", *OUTSIDE)
+#: A number that is larger, or smaller than its inverse, may leave the range of floating point.
+EXTREME = 1e50
+#: Variables of the environment that PETSc reads options from.
+SOURCES = "PETSC_OPTIONS", "PETSC_OPTIONS_YAML"
+NO_YAML = "options are not read from YAML; -options_file takes a file of lines -name value"
+#: Longest line of an options file, characters.
+LONGEST = 10000
 
 
 def as_json(answer):
@@ -96,24 +111,25 @@ def start(arguments, action, description="", rows=(), slepc=False,
     int
         0 after success, `STOPPED` if a signal stopped the run, and 1 after an error.
     """
-    sys.stdout = Pipe(sys.stdout)
+    guard_streams()
     wants_help = any(argument in HELP for argument in arguments)
     given, problem = [argument for argument in arguments if argument not in HELP], None
     try:
-        check_command_line(given[1:])
-    except OptionError as error:
-        given, problem = given[:1], error  # so that PETSc starts, and all ranks can end together
+        check_sources(given[1:])
+    except OptionError as error:  # so that PETSc starts, and all ranks can end together
+        given, problem = [*given[:1], "-skip_petscrc"], error
+        for name in SOURCES:
+            os.environ.pop(name, None)
     given = ["pgran", *FIRST, *file_first(given)[1:]]
-    if slepc:
-        import slepc4py
-        slepc4py.init(given)
-    else:
-        import petsc4py
-        petsc4py.init(given)
+    asked = {number: signal.getsignal(number) for number in SIGNALS}
+    package = importlib.import_module("slepc4py" if slepc else "petsc4py")
+    package.init(given)
     from petsc4py import PETSc
 
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as before PETSc took it; `Pipe` sees the error
-    comm = PETSc.COMM_WORLD
+    asked[signal.SIGPIPE] = signal.SIG_IGN  # `Stream` sees the error
+    for number, handler in asked.items():
+        signal.signal(number, handler)  # as before PETSc took it
+    comm, texts = PETSc.COMM_WORLD, {}
     apart = comm.tompi4py().Dup()  # so that waiting for the others meets no message of the work
     try:
         if problem:
@@ -131,24 +147,30 @@ def start(arguments, action, description="", rows=(), slepc=False,
         _check_names(everything, rows, parameters.rows)
         values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
                                     else row.default for row in rows})
-        action(parameters, values, comm)
-        return 0
+        with strict(texts):
+            action(parameters, values, comm)
+        return int(bool(rows) and sys.stdout.failed)  # its answer is lost; a run has its file
     except BaseException as error:
-        return _told(error, comm, apart)
+        return _told(error, comm, apart, extreme(texts))
 
 
-def _told(error, comm, apart):
-    """Report an error once; return the exit code. Ends all ranks if only some have met it."""
+def _told(error, comm, apart, beyond):
+    """Report an error once; return the exit code. Ends all ranks if only some have met it.
+
+    ``beyond`` are the options that were given with an `extreme` value, in words.
+    """
     from petsc4py import PETSc
 
     error = callback_error(error)
     code = STOPPED if isinstance(error, Interrupted) else 1
-    if isinstance(error, SystemExit):
-        code, text = error.code or 0, ""
-    elif isinstance(error, Interrupted):
+    if isinstance(error, Interrupted):
         text = f"pgran: {error.as_option()}"
+    elif isinstance(error, SolutionError) and beyond:
+        text = f"pgran: error: {beyond}: {error.as_option().split(' What may help:')[0]}"
     elif isinstance(error, TOLD):
         text = f"pgran: error: {error.as_option()}"
+    elif isinstance(error, ArithmeticError) and beyond:
+        text = f"pgran: error: {beyond} ({error.args[-1]})"
     elif isinstance(error, PETSc.Error):
         text = f"pgran: error: {_petsc_words(error)}"
     elif isinstance(error, MemoryError):
@@ -164,6 +186,25 @@ def _told(error, comm, apart):
               file=sys.stderr, flush=True)
         comm.tompi4py().Abort(1)
     return code
+
+
+def extreme(texts):
+    """Return which of the options {name: text} have values beyond `EXTREME`, in words."""
+    def beyond(part):
+        try:
+            size = abs(float(part))
+        except ValueError:
+            return False
+        return size > EXTREME or 0.0 < size < 1.0 / EXTREME
+
+    found = [f"-{name} {text}" for name, text in texts.items() if any(map(beyond, text.split(",")))]
+    return f"{', '.join(found)}: too large or too small to compute with" if found else ""
+
+
+def strict(texts):
+    """Return a context in which numpy raises what it cannot compute if an option is `extreme`."""
+    how = "raise" if extreme(texts) else "warn"
+    return np.errstate(over=how, divide=how, invalid=how)
 
 
 def all_come(comm):
@@ -210,6 +251,39 @@ def is_option(text):
     return bool(re.match(r"--?[A-Za-z_]", text))
 
 
+def check_sources(words):
+    """Check the words of a command line, and all else that PETSc reads options from.
+
+    That is PETSC_OPTIONS, and .petscrc and petscrc in the home and in the present folder. Raises
+    `OptionError` as `check_command_line` and `read_file` do.
+    """
+    try:
+        more = shlex.split(os.environ.get(SOURCES[0], ""))
+    except ValueError as problem:
+        raise OptionError(f"{SOURCES[0]}: {str(problem).lower()}") from None
+    check_command_line(words)
+    check_command_line(more, SOURCES[0])
+    if os.environ.get(SOURCES[1]):
+        raise OptionError(f"{SOURCES[1]}: {NO_YAML}")
+    if "-skip_petscrc" in words + more:
+        return
+    for path in (Path(os.path.expanduser("~"), ".petscrc"), Path(".petscrc"), Path("petscrc")):
+        if path.exists():
+            read_file(path, label=path)
+
+
+def check_name(word, where):
+    """Raise `OptionError` where an option is written as none of PETSc's is."""
+    if word.startswith("--"):
+        raise OptionError(f"{word}: options begin with one dash, as in {word[1:]} ({where})")
+    if "=" in word:
+        name, _, value = word.partition("=")
+        raise OptionError(f"{word}: a blank divides name and value, as in {name} "
+                          f"{value or 'VALUE'} ({where})")
+    if word in ("-options_file_yaml", "-options_string_yaml"):
+        raise OptionError(f"{word}: {NO_YAML} ({where})")
+
+
 def check_command_line(words, where="command line"):
     """Raise `OptionError` where the words of a command line are not ``-name [value]``.
 
@@ -218,8 +292,7 @@ def check_command_line(words, where="command line"):
     expected = False  # whether a value may follow
     for word, value in zip(words, [*words[1:], ""]):
         if is_option(word):
-            if word.startswith("--"):
-                raise OptionError(f"{word}: options begin with one dash, as in {word[1:]}")
+            check_name(word, where)
             if word == "-options_file":
                 if not value or is_option(value):
                     raise OptionError("-options_file: the name of a file is missing")
@@ -232,15 +305,17 @@ def check_command_line(words, where="command line"):
                               f"dash ({where})")
 
 
-def read_file(path, above=()):
+def read_file(path, above=(), label=None):
     """Return the options of a file, {name: text}; those of files that it names are among them.
+
+    ``label`` is what messages call it.
 
     Raises
     ------
     OptionError
         If a file cannot be read, or a line is not ``-name [value]``.
     """
-    label = f"-options_file {path}"
+    label = label or f"-options_file {path}"
     if not os.path.exists(path):
         raise OptionError(f"{label}: there is no such file")
     if os.path.realpath(path) in above:
@@ -257,6 +332,8 @@ def read_file(path, above=()):
 
         if "\0" in line:
             refuse("it is no text")
+        if len(line) > LONGEST:
+            refuse(f"it has {len(line)} characters; allowed are {LONGEST}")
         try:
             words = shlex.split(line, comments=True)
         except ValueError as problem:
@@ -266,6 +343,7 @@ def read_file(path, above=()):
         name, *value = words
         if not is_option(name) or name.startswith("--"):
             refuse(f"{name} is no option; a line holds -name value")
+        check_name(name, f"{label}, line {number}")
         if len(value) > 1:
             refuse(f"{' '.join(value[1:])} is too much; a line holds one option, -name value")
         if name == "-options_file":
@@ -308,11 +386,13 @@ def misspelt(name, other):
 
 def _check_names(everything, rows, run_rows):
     """Refuse a name that is nearly one of this command, of a run, or of PETSc."""
-    mine = {row.name: f"-{row.name}" for row in rows}
+    mine = {name: f"-{name}" for name in (*(row.name for row in rows), "options_file")}
     runs = {row.name: f"-{row.prefix}{row.name}" for row in run_rows}
     for name, value in everything.items():
         if name in mine or name.startswith(options.PREFIX):
             continue
+        if (value or "").lower() == "nan":
+            raise OptionError(f"-{name} {value}: allowed is a number")
         head = name.replace("-", "_").split("_")[0]
         near = [text for known, text in mine.items() if len(name) > 3 and misspelt(name, known)]
         if near:
@@ -331,7 +411,7 @@ def unread():
     from petsc4py import PETSc
 
     return {name: value or "" for name, value in PETSc.Options().getAll().items()
-            if not LAST.match(name) and not was_read(name)}
+            if name not in OUTSIDE and not was_read(name)}
 
 
 def report_unread(comm):
@@ -359,11 +439,17 @@ def report_unread(comm):
 
 # What a command meets on its way
 
-class Pipe:
-    """Standard output that goes on in silence when whoever read it has gone."""
+class Stream:
+    """Standard output or error that goes on in silence when it cannot be written.
+
+    Attributes
+    ----------
+    failed : bool
+        Whether something was lost, although whoever reads it has not gone.
+    """
 
     def __init__(self, stream):
-        self._stream = stream
+        self._stream, self.failed = stream, False
 
     def __getattr__(self, name):
         return getattr(self._stream, name)
@@ -379,27 +465,27 @@ class Pipe:
     def _try(self, action):
         try:
             return action()
-        except BrokenPipeError:
+        except OSError as problem:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
             os.close(nowhere)
+            if not isinstance(problem, BrokenPipeError):
+                self.failed = True
+                print("pgran: warning: standard output cannot be written "
+                      f"({problem.strerror}); nothing more is shown", file=sys.stderr, flush=True)
             return None
 
 
-class Signals:
-    """Notes the signals that ask a run to stop. Calling it gives the name of one, or None."""
-
-    def __init__(self):
-        self._name = None
-        for number in SIGNALS:
-            signal.signal(number, self._note)
-
-    def _note(self, number, frame):
-        self._name = signal.Signals(number).name
-
-    def __call__(self):
-        """Return the name of the signal that came, or None."""
-        return self._name
+def guard_streams():
+    """Let no command end because standard output or error is closed, or cannot be written."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:  # closed: no file of the run may get its number
+            os.open(os.devnull, os.O_RDWR)
+        stream = getattr(sys, name)
+        if number and not isinstance(stream, Stream):
+            setattr(sys, name, Stream(stream or open(number, "w", closefd=False)))
 
 
 def help_text(description, rows, run_rows):
@@ -429,7 +515,8 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
     runs : bool
         Whether the command takes the options of a run.
     """
-    sys.stdout = Pipe(sys.stdout)
+    guard_streams()
+    texts = {}
     try:
         if not arguments or any(argument in HELP for argument in arguments):
             more = f"\n\n{options.help_text(cases.read({}).rows)}" if runs else ""
@@ -438,17 +525,20 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
         texts, found = parse(arguments, rows, bool(operands), runs)
         values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
                                     else row.default for row in rows})
-        if runs:
-            action(cases.read(texts), values)
-            return 0
-        if not found:
+        if not runs and not found:
             raise OptionError(f"{operands} missing")
-        action(values, found)
-        return 0
+        with strict(texts):
+            action(*((cases.read(texts), values) if runs else (values, found)))
+        sys.stdout.flush()
+        return int(sys.stdout.failed)
     except TOLD as error:
         message = error.as_option()
     except (ValueError, OSError, KeyError) as error:
         message = str(error)
+    except ArithmeticError as error:
+        if not extreme(texts):
+            raise
+        message = f"{extreme(texts)} ({error.args[-1]})"
     print(f"pgran.{name}: error: {message}", file=sys.stderr)
     return 1
 
@@ -496,17 +586,18 @@ def steady():
 def choose_solver():
     """Give the options of `DIRECT` that are missing, unless ``-pc_type`` says that one was chosen.
 
-    Returns whether it did so. PETSc's own defaults do not solve these equations.
+    Returns whether it did so. PETSc's own defaults do not solve these equations. Those of
+    TSPSEUDO solve one linear system a step and never end: the options of `PSEUDO` that are missing
+    are given to every steady run.
     """
     from petsc4py import PETSc
 
     database = PETSc.Options()
-    if database.hasName("pc_type"):
-        return False
-    for name, value in {**DIRECT, **(PSEUDO if steady() else {})}.items():
+    missing = not database.hasName("pc_type")
+    for name, value in {**(DIRECT if missing else {}), **(PSEUDO if steady() else {})}.items():
         if not database.hasName(name):
             database.setValue(name, value)
-    return True
+    return missing
 
 
 def solver_options():

@@ -38,6 +38,9 @@ def run(parameters, asked, comm):
     without = tuple(asked.without.split(",")) if asked.without else ()
     if set(without) - set(linearised.PARTS):
         raise OptionError(f"-without {asked.without}: allowed is {' | '.join(linearised.PARTS)}")
+    if len(set(asked.dt)) < len(asked.dt):
+        raise OptionError(f"-dt {','.join(f'{dt:g}' for dt in asked.dt)}: allowed are steps that "
+                          "differ")
     form = discretise(parameters.part("case").homogeneous(parameters), comm)
     rows = []
     for dt in asked.dt:

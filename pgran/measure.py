@@ -11,15 +11,16 @@ the flow is localised. `pgran.output.band` says how these are found.
 import sys
 
 from .cli import JSON, answer, as_json, own
+from .options import OptionError
 from .output import band
 
 ROWS = own("meshes", "flag", "compare successive files instead", False), JSON
 
 
-def compare(paths, as_json):
-    """Print how far I changes from each mesh to the next."""
+def compare(paths, in_json):
+    """Print how far I changes from each mesh to the next, as JSON if ``in_json``."""
     rows = band.compare(paths)
-    if as_json:
+    if in_json:
         print(as_json(rows))
         return
     print("difference of I from the next mesh, over its L2 norm and over its maximum")
@@ -43,6 +44,8 @@ def describe(row):
 def run(asked, paths):
     """Measure the files and print the result."""
     if asked.meshes:
+        if len(paths) < 2:
+            raise OptionError(f"-meshes {paths[0]}: allowed are two files or more")
         compare(paths, asked.json)
         return
     found = {path: band.measure(path) for path in paths}

@@ -349,7 +349,7 @@ class Part:
         try:
             module = _module(target) if target else importlib.import_module(
                 f"{self.package}.{text}")
-        except Exception as problem:  # a user's file may fail in any way
+        except (Exception, SystemExit) as problem:  # a user's file may fail in any way
             refuse(f"{target} cannot be imported: {type(problem).__name__}: "
                    f"{str(problem).splitlines()[0] if str(problem) else 'no reason given'}")
         own = {name: value for name, value in vars(module).items()

@@ -1,9 +1,10 @@
 """Runs commands of pgran in forks of one process that has imported what they need.
 
-Each line of standard input is JSON: {"module", "arguments", "folder", "output", "errors"}. The
-command runs in the folder, with its output in these files, as if it had been started there; the
-answer is a line of JSON with its exit code and its seconds. A command that takes longer than LIMIT
-is killed and has the exit code None.
+Each line of standard input is JSON: {"module", "arguments", "folder", "environment", "output",
+"errors"}. The command runs in the folder, with these variables of the environment besides and with
+its output in these files, as if it had been started there; the answer is a line of JSON with its
+exit code and its seconds. A command that takes longer than LIMIT is killed and has the exit code
+None.
 """
 
 import importlib
@@ -21,6 +22,7 @@ NAMED = "pgran.__main__", "pgran.eigen", "pgran.growth"
 def run(request):
     """Run one command in this process, which is a fork; return its exit code."""
     os.chdir(request["folder"])
+    os.environ.update(request["environment"])
     for name, number in (("output", 1), ("errors", 2)):
         file = os.open(request[name], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(file, number)

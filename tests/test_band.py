@@ -92,6 +92,20 @@ def test_differences_between_meshes_find_the_order():
         band.mesh_differences([results[1], results[0]])
 
 
+def test_meshes_are_compared_in_json_too(tmp_path, capsys):
+    paths = [str(tmp_path / f"{n}.h5") for n in (10, 20)]
+    for path, n in zip(paths, (10, 20)):
+        x = specimen(False, n + 1, 3 * n + 1)
+        with h5py.File(path, "w") as file:
+            group = file.create_group("snapshots/0000")
+            group["coordinates"], group["inertial_number"] = x, gaussian_band(x, 51.0, 20.0)
+    assert measure.main(["-meshes", *paths, "-json"]) == 0
+    row, = json.loads(capsys.readouterr().out)
+    assert row["order"] is None and 0.0 <= row["l2"] < 0.1
+    assert measure.main(["-meshes", paths[0]]) == 1
+    assert "allowed are two files or more" in capsys.readouterr().err
+
+
 def test_flow_at_rest_is_measured_without_numbers_that_are_none(tmp_path, capsys):
     path = tmp_path / "rest.h5"
     with h5py.File(path, "w") as file:

@@ -34,6 +34,15 @@ def test_fastest_mode_has_its_analytic_growth(ranks, elements, limit):
     assert all(pair["residual"] < 1e-6 and np.isfinite(pair["computed"]) for pair in found)
 
 
+@pytest.mark.parametrize("model", ["ngf", "ngf_primitive"])
+def test_infinite_eigenvalues_are_never_answers(model):
+    cell = "-pgran_model", model, "-pgran_cell_elements", 4
+    few, many = pairs(1, *cell), pairs(1, *cell, "-eps_nev", 300)
+    assert len(many) > 50
+    assert many[0]["computed"] == pytest.approx(few[0]["computed"], rel=1e-6)
+    assert max(abs(pair["computed"]) for pair in many) < 1e8
+
+
 def test_error_falls_with_order_4():
     errors = [pairs(2, "-pgran_cell_elements", n)[0]["relative_error"] for n in (16, 32, 64)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])

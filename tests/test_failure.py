@@ -44,6 +44,37 @@ def test_a_solver_that_fails_says_why_and_where_and_leaves_a_checkpoint(tmp_path
         assert not file.attrs.get("complete", False)
 
 
+def test_a_step_that_fails_is_never_repeated_as_it_is(tmp_path):
+    code = """
+import sys, petsc4py
+petsc4py.init(sys.argv)
+from pgran.__main__ import main
+from pgran.solve.driver import Driver
+Driver._check_options = lambda *_: None
+sys.exit(main(sys.argv))
+"""
+    words = "fails, and PETSc's options repeat it without making it smaller at "
+    for options_file, message in (("direct.opts", words), ("steady.opts", "What may help")):
+        done = run_ranks(0, "-c", code, "-options_file", ROOT / "options" / options_file, *COARSE,
+                         "-ts_adapt_scale_solve_failed", 1, "-snes_max_it", 1, "-pgran_output",
+                         tmp_path / "run.h5", check=False, limit=60)
+        refused(done, message)
+
+
+def test_a_load_beyond_all_measure_is_named_and_not_the_step(tmp_path):
+    for load in ("-pgran_body_force", "1e300,0"), ("-pgran_shear_modulus", "1e-80"):
+        done = pgran(0, "direct.opts", tmp_path / "run.h5", *COARSE, *load, check=False, limit=60)
+        refused(done, f"error: {' '.join(load)}: too large or too small to compute with")
+        assert "-pgran_step_max" not in done.stderr
+
+
+def test_pseudo_time_finds_the_steady_flow_with_any_solver(tmp_path):
+    path = tmp_path / "run.h5"
+    pgran(0, "direct.opts", path, *COARSE, "-ts_type", "pseudo", limit=60)
+    with h5py.File(path) as file:
+        assert file.attrs["complete"] and file.attrs["steady_residual"] < 1e-8
+
+
 def test_a_run_stops_where_a_free_face_reaches_a_plate(tmp_path):
     path = tmp_path / "run.h5"
     done = pgran(0, "direct.opts", path, "-pgran_element_size", 20, "-pgran_progress", "quiet",
@@ -133,6 +164,8 @@ def test_an_error_that_all_ranks_meet_is_told_once(tmp_path):
     "nothing has read", "no -pc_type is given", "failed and others did not", "not enough memory",
     "GB a rank", "the first step, a tenth of the time of elastic loading", "stopped by SIGTERM",
     "it is no result of pgran", "no eigenvalue converged", "ranks are too many",
-    "two times to reach lie closer", "no steady flow within", "cannot be imported"])
+    "two times to reach lie closer", "is not a number at", "nothing to go on from",
+    "standard output cannot be written", "repeat it without making it smaller",
+    "no steady flow within", "cannot be imported"])
 def test_the_page_on_trouble_has_each_message(words):
     assert words in PAGE

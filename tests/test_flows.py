@@ -13,6 +13,7 @@ from conftest import discretised, newton, noise, parameters, pgran, refused, run
 from mpi4py import MPI
 
 from pgran import cases
+from pgran.output.results import write_once
 from pgran.space import element
 from pgran.theory import profiles
 
@@ -67,6 +68,33 @@ def test_jacobian_with_walls_and_convection_is_the_derivative_of_the_residual(ca
     scale = COMM.allreduce(np.abs(difference).max(), MPI.MAX)
     assert scale > 1.0
     np.testing.assert_allclose(product.array_r, difference, atol=1e-6 * scale)
+
+
+# Where the pressure vanishes
+
+def test_the_inertial_number_has_a_value_where_the_pressure_vanishes():
+    form = discretised(case="inclined_plane", law="jop", mu_2=6, **COARSE["inclined_plane"])
+    local, increment = disturbed(form, 0.0)
+    pressure = form.grid.split(local)[2]
+    pressure -= 0.5 + 1e-9  # negative by rounding at the free surface
+    fields, owned = form.nodal_fields(local, increment), form.grid.nodes.owned
+    I, P = fields["inertial_number"][owned], fields["pressure"][owned]
+    assert COMM.allreduce(P.min(initial=1.0), MPI.MIN) < 0.0
+    assert np.isfinite(I).all()
+    inside = P > 0.1
+    np.testing.assert_allclose(I[inside], (
+        fields["fluidity"] * fields["stress_ratio"])[owned][inside] / form.material.inverse_time(
+            P[inside]))
+
+
+def test_a_field_that_is_not_a_number_is_written_but_told_with_its_place(tmp_path, capsys):
+    form = discretised(element_size=20)
+    nodes = form.grid.nodes
+    field = np.where((nodes.i == 2) & (nodes.j == 1), np.nan, 1.0)
+    fields = {"coordinates": form.case.coordinates(nodes.i, nodes.j), "speed": field}
+    write_once(COMM.bcast(tmp_path) / "mode.h5", form, fields)
+    told = COMM.bcast(capsys.readouterr().err)
+    assert "snapshot 0000: speed is not a number at 1 nodes, the first at x = (20, 10) d" in told
 
 
 # Profiles against closed forms

@@ -8,8 +8,8 @@ from conftest import ROOT
 
 PACKAGE = ROOT / "pgran"
 #: Each folder may import only from itself and from those before it; commands come last.
-ORDER = ["options", "material", "theory", "cases", "versions", "cli", "space", "output", "solve",
-         "studies"]
+ORDER = ["options", "material", "theory", "cases", "signals", "versions", "cli", "space", "output",
+         "solve", "studies"]
 FILES = sorted(path for path in PACKAGE.rglob("*.py"))
 
 

@@ -16,6 +16,8 @@ from pgran.studies import launch
 
 DIRECT = "-options_file", str(ROOT / "options" / "direct.opts")
 COARSE = "-pgran_element_size", "8"
+#: What makes a run refuse what nothing has read, which it knows after a step, without a new file.
+LAST = "-pgran_element_size", "20"
 
 
 @pytest.fixture(scope="module")
@@ -24,9 +26,10 @@ def server():
     environment = launch.command(0)[1]
     with subprocess.Popen([sys.executable, ROOT / "tests" / "forkserver.py"], env=environment,
                           stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        def run(module, arguments, folder):
+        def run(module, arguments, folder, **environment):
             files = {name: str(folder / f".{name}") for name in ("output", "errors")}
             process.stdin.write(json.dumps({"module": f"pgran.{module}", "folder": str(folder),
+                                            "environment": environment,
                                             "arguments": list(arguments), **files}) + "\n")
             process.stdin.flush()
             answer = json.loads(process.stdout.readline())
@@ -91,8 +94,12 @@ def folder(tmp_path_factory):
     (folder / "bare.opts").write_text("pgran_width 40\n")
     (folder / "dashes.opts").write_text("--pgran_width 40\n")
     (folder / "quote.opts").write_text('-pgran_width "40\n')
+    (folder / "long.opts").write_text("-pgran_width 40 " * 200000)
+    (folder / "home").mkdir()
+    (folder / "home" / ".petscrc").write_text("-pgran_width 40\nneither this nor that\n")
     (folder / "misspelt.opts").write_text("-pgran_widht 40\n")
     (folder / "law.py").write_text("raise RuntimeError('this law is not ready')\n")
+    (folder / "leave.py").write_text("import sys\nsys.exit(0)\n")
     (folder / "shape.py").write_text(
         "from pgran.cases import Case\nclass A(Case):\n    shape = 2, -1\n"
         "    def coordinates(self, i, j):\n        return i, j\n")
@@ -139,7 +146,15 @@ RUNS = {
     "misspelt ksp": (["-kspp_type", "lu"], "did you mean -ksp_type?"),
     "misspelt name": (["-snes_rtoll", "1"], "-snes_rtoll 1: no such option; did you mean"),
     "value missing": (["-pgran_width", "-pgran_height", "80"], "-pgran_width"),
+    "equals sign": (["-options_file=two.opts"], "a blank divides name and value, as in "
+                    "-options_file two.opts"),
+    "misspelt file": (["-options_flie", "two.opts"], "did you mean -options_file?"),
+    "dash in file": (["-options-file", "two.opts"], "did you mean -options_file?"),
+    "file in one word": (["-optionsfile", "two.opts"], "did you mean -options_file?"),
+    "log": ([*DIRECT, *LAST, "-log_viwe"], "-log_viwe: no such option; did you mean -log_view?"),
     # options files
+    "YAML": (["-options_file_yaml", "two.opts"], "options are not read from YAML; -options_file"),
+    "no line ends": (["-options_file", "long.opts"], "long.opts, line 1: it has 3200000"),
     "no file": (["-options_file", "nosuch.opts"], "nosuch.opts: there is no such file"),
     "file not named": (["-options_file"], "the name of a file is missing"),
     "folder as file": (["-options_file", "folder.h5"], "cannot be read as text"),
@@ -174,12 +189,16 @@ RUNS = {
     "overflow": (["-pgran_width", "1e300"], "-pgran_width 1e+300: makes"),
     "overflow of both": (["-pgran_width", "1e200", "-pgran_element_size", "1e-200"],
                          "-pgran_width 1e+200"),
+    **{f"too large, {' '.join(given)}": (given, f"{' '.join(given[-2:])}: too large or too small")
+       for given in (["-pgran_A", "1e300"], ["-pgran_law", "jop", "-pgran_mu_2", "1e300"],
+                     ["-pgran_case", "annular_shear", "-pgran_inner_radius", "1e-300"])},
     # parts
     "no such case": (["-pgran_case", "nosuch"], "-pgran_case nosuch: allowed is"),
     "no such module": (["-pgran_law", "nosuch.package:Law"], "cannot be imported"),
     "no such file of a case": (["-pgran_case", "nosuch.py:A"], "there is no such file"),
     "no such class": (["-pgran_case", "shape.py:B"], "has no class B"),
     "broken file": (["-pgran_law", "law.py:Law"], "this law is not ready"),
+    "file that leaves": (["-pgran_law", "leave.py:Law"], "leave.py cannot be imported: SystemExit"),
     "wrong kind": (["-pgran_law", "shape.py:A"], "is not a subclass"),
     "bad shape": (["-pgran_case", "shape.py:A"], "its shape is"),
     # output
@@ -188,6 +207,8 @@ RUNS = {
     "pipe as output": (["-pgran_output", "pipe.h5"], "not a regular file"),
     "folder as output": (["-pgran_output", "folder.h5"], "not a regular file"),
     "file as folder": (["-pgran_output", "keep.h5/x.h5"], "-pgran_output keep.h5/x.h5: "),
+    "checkpoint as output": (["-pgran_output", "keep.checkpoint_000049.h5"],
+                             "this is the name of a checkpoint of keep.h5"),
     "no folder": (["-pgran_output", "/proc/none/x.h5"], "-pgran_output /proc/none/x.h5: "),
     # restart and seed
     **{f"restart from {kind}": (["-pgran_restart", f"{kind}.h5"],
@@ -201,6 +222,9 @@ RUNS = {
            "keep": "it has no checkpoint to go on from"}.items()},
     "restart with another width": (["-pgran_restart", "keep.h5", "-pgran_width", "16"],
                                    "cannot change -pgran_width (here 16, there 8.0)"),
+    "restart in time from a snapshot": (["-pgran_restart", "keep.h5", "-pgran_restart_snapshot",
+                                         "0"], "-pgran_restart_snapshot 0: allowed only with "
+                                        "-ts_type pseudo"),
     "restart with another law": (["-pgran_restart", "keep.h5", "-pgran_law", "jop"],
                                  "cannot change -pgran_law (here jop, there bingham)"),
     **{f"steady from {kind}": (["-ts_type", "pseudo", "-pgran_restart", f"{kind}.h5"], text)
@@ -214,6 +238,16 @@ RUNS = {
     # PETSc
     "ts_type": (["-ts_type", "euler"], "-ts_type euler: allowed is beuler | pseudo"),
     "no steps": (["-ts_max_steps", "0"], "-ts_max_steps 0: allowed is an integer >= 1"),
+    "start of TS": (["-ts_init_time", "0.001"], "-ts_init_time 0.001: allowed is 0, where"),
+    "no step": (["-ts_dt", "0"], "-ts_dt 0: allowed is a number > 0"),
+    "step repeated as it is": (["-ts_adapt_scale_solve_failed", "1"],
+                               "-ts_adapt_scale_solve_failed 1: allowed is a number > 0 and < 1"),
+    "no iterations": (["-snes_max_it", "-1"], "-snes_max_it -1: allowed is an integer >= 1"),
+    "no number": (["-snes_rtol", "nan"], "-snes_rtol nan: allowed is a number"),
+    **{name: ([f"-{name}"], f"-{name} 1: allowed is false: a step that fails is repeated smaller")
+       for name in ("snes_error_if_not_converged", "ksp_error_if_not_converged",
+                    "ts_error_if_step_fails")},
+    "dm_mat_type": (["-dm_mat_type", "nosuch"], "-dm_mat_type nosuch: allowed is aij"),
     "pc_type": (["-pc_type", "nosuch"], "-pc_type nosuch: Unknown type"),
     "ksp_type": (["-ksp_type", "nosuch"], "-ksp_type nosuch: Unknown type"),
     "snes_type": (["-snes_type", "nosuch"], "-snes_type nosuch: Unknown type"),
@@ -238,10 +272,17 @@ COMMANDS = [
     ("eigen", ["-wave_vector", "1e8,1e8"], "no eigenvalue converged"),
     ("eigen", ["-pgran_output", "pipe.h5", "-pgran_cell_elements", "2"], "not a regular file"),
     ("eigen", ["-pgran_cell_elements", "1000000"], "more than the indices"),
+    ("eigen", ["-pgran_A", "1e300"], "-pgran_A 1e300: too large or too small to compute with"),
+    *(("stability", given, f"{' '.join(given[-2:])}: too large or too small to compute with")
+      for given in (["-cutoff", "-pgran_A", "1e300"], ["-wave_vector", "1e300,1"],
+                    ["-specimen", "-pgran_A", "1e300"],
+                    ["-cutoff", "-pgran_inertial_number", "1e-300"])),
     ("growth", ["-dt", "nan"], "-dt nan: allowed is"),
     ("growth", ["-dt", "inf"], "-dt inf: allowed is"),
     ("growth", ["-dt", "0"], "-dt 0: allowed is"),
     ("growth", ["-dt", "1e3", *COARSE], "step of 1000/gdot0 (-dt) has changed"),
+    ("growth", ["-dt", "1e-3,1e-3"], "-dt 0.001,0.001: allowed are steps that differ"),
+    ("studies.__main__", ["kill", "abc"], "abc: allowed is a number of kills"),
     ("growth", ["-without", "nosuch"], "-without nosuch: allowed is"),
     ("measure", [], ""),
     ("measure", ["nosuch.h5"], "there is no such file"),
@@ -299,6 +340,21 @@ def test_a_run_that_cannot_be_is_refused(server, folder, before, name):
     done = server("__main__", ["-pgran_output", "keep.h5", *(
         () if {"-pgran_element_size", "-pgran_case"} & set(arguments) else COARSE), *arguments],
                   folder)
+    refused(done, message, folder, before)
+
+
+@pytest.mark.parametrize("name, value, message", [
+    ("PETSC_OPTIONS", "-pgran_width 40 80", "80: not an option, nor the value of one"),
+    ("PETSC_OPTIONS", "-options_file nosuch", "-options_file nosuch: there is no such file"),
+    ("PETSC_OPTIONS", "-pgran_width '40", "PETSC_OPTIONS: no closing quotation"),
+    ("PETSC_OPTIONS", "-options_file_yaml two.opts", "options are not read from YAML"),
+    ("PETSC_OPTIONS", "-pgran_widht 40", "did you mean -pgran_width"),
+    ("PETSC_OPTIONS_YAML", "a: b", "PETSC_OPTIONS_YAML: options are not read from YAML"),
+    ("HOME", "home", ".petscrc, line 2: neither is no option")])
+@pytest.mark.parametrize("command", ["__main__", "growth"])
+def test_all_that_petsc_reads_options_from_is_checked(server, folder, before, command, name, value,
+                                                      message):
+    done = server(command, ["-pgran_output", "keep.h5", *COARSE], folder, **{name: value})
     refused(done, message, folder, before)
 
 

@@ -8,10 +8,11 @@ import time
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, pgran, refused, run_ranks
+from conftest import ROOT, discretised, pgran, refused, run_ranks
 from test_runs import differences, snapshot
 
 from pgran.output import checkpoint
+from pgran.solve import state
 from pgran.studies import launch
 
 #: A specimen that yields, in some twenty steps that take a second.
@@ -162,6 +163,43 @@ def test_a_damaged_checkpoint_is_passed_over(short, tmp_path):
             "it has no checkpoint to go on from", older.name, newest.name)
 
 
+def put(name, values):
+    """Return what gives a dataset of an open file other values."""
+    def damage(file):
+        del file[name]
+        file[name] = values
+
+    return damage
+
+
+#: What is done to an open checkpoint, and what is said of it.
+DAMAGE = {
+    "coordinates is no array of 31 x 11 x 2 numbers": lambda file: file.pop("nodes/coordinates"),
+    "pressure is no array of 16 x 6 numbers": put("corners", 1.0),
+    "stress is no array of 15 x 5 x 3 x 9 numbers": put("elements/stress", np.zeros((15, 5, 2, 9))),
+    "fluidity is no array of 31 x 11 numbers": put("nodes/fluidity", np.full((31, 11), b"1")),
+    "earlier_stress is no array": lambda file: file.pop("elements/earlier_stress"),
+    "velocity is not a number everywhere": put("nodes/velocity", np.full((31, 11, 2), np.nan)),
+    "time is not a number": lambda file: file.attrs.modify("time", np.nan),
+    "wanted is not a number": lambda file: file.attrs.create("wanted", "soon"),
+    "its numbers are those of no run": lambda file: file.attrs.create("period", 0.0),
+    "steps is missing": lambda file: file.attrs.pop("steps")}
+
+
+def test_a_checkpoint_that_lacks_what_a_run_needs_is_passed_over(tmp_path):
+    path = tmp_path / "run.h5"
+    pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 9, "-pgran_checkpoint_steps", 5)
+    newest, older = checkpoint.checkpoints_of(path)
+    content, form = newest.read_bytes(), discretised(element_size=8, restart=path)
+    for words, damage in DAMAGE.items():
+        newest.write_bytes(content)
+        with h5py.File(newest, "r+") as file:
+            damage(file)
+        _, values, damaged = state.checkpoint_start(form)
+        assert values["steps"] == 5 and len(damaged) == 1
+        assert damaged[0].startswith(f"{newest.name}: {words}")
+
+
 def test_a_run_that_dies_at_once_after_it_went_on_can_go_on_again(short, tmp_path):
     path = tmp_path / "run.h5"
     pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 8)
@@ -212,6 +250,35 @@ def test_a_signal_stops_a_run_with_a_checkpoint_and_its_own_exit_code(long, tmp_
     if name == "SIGTERM":
         pgran(2, "direct.opts", path, *LONG, "-pgran_restart", path)
         same(long, path, 1e-7)
+
+
+EARLY = """
+import os, runpy, signal, sys
+class Finder:
+    def find_spec(name, *rest):
+        if name == "{module}":
+            os.kill(os.getpid(), signal.SIGTERM)
+sys.meta_path.insert(0, Finder)
+runpy.run_module("pgran", run_name="__main__", alter_sys=True)
+"""
+
+
+@pytest.mark.parametrize("module", ["numpy", "pgran.solve.driver"])
+@pytest.mark.parametrize("kind, words", [
+    ("beuler", "-pgran_restart {path} goes on from there"),
+    ("pseudo", "there is nothing to go on from: start it again")])
+def test_a_run_that_is_asked_to_stop_before_its_first_step_says_so(short, tmp_path, module, kind,
+                                                                   words):
+    path = tmp_path / "run.h5"
+    done = run_ranks(0, "-c", EARLY.format(module=module), "-options_file",
+                     ROOT / "options" / "direct.opts", *SHORT, "-ts_type", kind, "-pgran_output",
+                     path, check=False)
+    assert done.returncode == STOPPED, done.stderr
+    assert done.stderr.splitlines() == [
+        f"pgran: stopped by SIGTERM at 0 % compression; {words.format(path=path)}"]
+    if kind == "beuler" and module == "numpy":
+        pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path)
+        same(short, path, 1e-10)
 
 
 def test_launch_passes_a_signal_on_and_goes_on_later(long, tmp_path):
@@ -367,3 +434,28 @@ def test_output_into_a_closed_pipe_does_not_end_a_run(tmp_path):
         assert run.wait(60) == 0 and not run.stderr.read()
     _, fields = snapshot(path)
     assert np.isfinite(fields["velocity"]).all()
+
+
+@pytest.mark.parametrize("streams, told", [
+    (">/dev/full", ["pgran: warning: standard output cannot be written (No space left on device); "
+                    "nothing more is shown"]),
+    (">/dev/full 2>/dev/full", []), (">&-", []), (">&- 2>&- <&-", [])])
+def test_a_log_that_cannot_be_written_does_not_end_a_run(tmp_path, streams, told):
+    path = tmp_path / "run.h5"
+    line, environment = launch.command(0, "-m", "pgran", "-options_file",
+                                       ROOT / "options" / "direct.opts", *SMALL,
+                                       "-pgran_progress", "steps", "-pgran_compression", "0.001",
+                                       "-ts_monitor", "-pgran_output", path)
+    done = subprocess.run(["sh", "-c", f'exec "$@" {streams}', "sh", *line], env=environment,
+                          cwd=ROOT, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 0 and done.stderr.splitlines() == told
+    with h5py.File(path) as file:
+        assert file.attrs["complete"]
+
+
+def test_an_answer_that_cannot_be_written_is_an_error(tmp_path):
+    line, environment = launch.command(0, "-m", "pgran.stability", "-cutoff")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(line, env=environment, cwd=ROOT, stdout=full, stderr=subprocess.PIPE,
+                              text=True, timeout=60)
+    assert done.returncode == 1 and "No space left on device" in done.stderr

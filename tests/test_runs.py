@@ -345,3 +345,12 @@ def test_biaxial_options_are_those_of_the_paper():
     assert (p.mu_s, p.b, p.A) == (0.3819, 0.9377, 0.48)
     assert (p.width, p.height, p.imperfection) == (40.0, 120.0, 0.99)
     assert (ROOT / "options" / "biaxial.opts").exists()
+
+
+def test_options_that_petsc_reads_at_the_end_are_no_misspellings(tmp_path):
+    done = pgran(0, "direct.opts", tmp_path / "run.h5", "-pgran_element_size", 20,
+                 "-pgran_compression", 0.001, "-ts_view", "-ts_converged_reason", "-log_view",
+                 "-vec_type", "standard", "-malloc_nosuch", 3)
+    assert "TS Object" in done.stdout
+    assert done.stderr.splitlines() == [
+        "pgran: note: nothing has read -malloc_nosuch 3, -vec_type standard"]

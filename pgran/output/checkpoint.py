@@ -16,14 +16,15 @@ from .files import Disk, Draft, blocks_of, local_part, private, told, write_bloc
 
 #: How many checkpoints of a run are kept.
 KEPT = 2
+#: The name of a checkpoint, without the folder.
+NAME = re.compile(r"(.+)\.checkpoint_(\d+)\.h5")
 
 
 def checkpoints_of(path):
     """Return the checkpoints of a result file, newest first, a list of Path."""
     path = Path(path)
-    pattern = re.compile(re.escape(path.stem) + r"\.checkpoint_(\d+)\.h5")
-    found = [(int(match[1]), entry) for entry in path.parent.iterdir()
-             if (match := pattern.fullmatch(entry.name))]
+    found = [(int(match[2]), entry) for entry in path.parent.iterdir()
+             if (match := NAME.fullmatch(entry.name)) and match[1] == path.stem]
     return [entry for _, entry in sorted(found, reverse=True)]
 
 
@@ -134,17 +135,37 @@ def newest(path, run, accept, disk):
                + ("; " + "; ".join(damaged) if damaged else ""))
 
 
-def read_arrays(file, grid):
-    """Return the arrays of an open checkpoint at the local points of a grid, as `write` has them.
+def read_numbers(file, names):
+    """Return the numbers and texts of an open checkpoint, {name: value}.
 
-    Raises OSError or ValueError where they are damaged or of another grid.
+    Raises ValueError where one of ``names`` is missing or a text, or a number is not finite.
+    """
+    if missing := sorted(set(names) - set(file.attrs)):
+        raise ValueError(f"{', '.join(missing)} is missing")
+    values = {}
+    for name, value in file.attrs.items():
+        text = isinstance(value, str) and name not in names
+        if not text and not (np.asarray(value).dtype.kind in "iuf" and np.isfinite(value).all()):
+            raise ValueError(f"{name} is not a number")
+        values[name] = value.item() if np.ndim(value) == 0 and hasattr(value, "item") else value
+    return values
+
+
+def read_arrays(file, grid, like):
+    """Return arrays of an open checkpoint at the local points of a grid, as `write` has them.
+
+    ``like`` are arrays of the same names and components. Raises OSError or ValueError where one is
+    missing, damaged, of another shape or not finite.
     """
     arrays = {}
     for place, lattice in (("nodes", grid.nodes), ("corners", grid.corners),
                            ("elements", grid.elements)):
         arrays[place] = {}
-        for name, data in file[place].items():
-            if data.shape[:2] != lattice.shape[::-1]:
-                raise ValueError(f"{name} is of another grid")
-            arrays[place][name] = local_part(data, lattice.i, lattice.j)
+        for name, values in like[place].items():
+            data, shape = file.get(f"{place}/{name}"), lattice.shape[::-1] + values.shape[:-1]
+            if not isinstance(data, h5py.Dataset) or data.dtype.kind != "f" or data.shape != shape:
+                raise ValueError(f"{name} is no array of {' x '.join(map(str, shape))} numbers")
+            found = arrays[place][name] = local_part(data, lattice.i, lattice.j)
+            if not np.isfinite(found).all():
+                raise ValueError(f"{name} is not a number everywhere")
     return arrays

@@ -8,6 +8,7 @@ a run that stops later loses nothing that was written.
 """
 
 import os
+import sys
 import uuid
 from contextlib import suppress
 from pathlib import Path
@@ -20,7 +21,7 @@ from petsc4py import PETSc
 
 from .. import __version__
 from ..options import PREFIX, ParameterError
-from .checkpoint import checkpoints_of
+from .checkpoint import NAME, checkpoints_of
 from .files import Disk, Draft, Lock, blocks_of, local_part, together, write_blocks, write_text
 from .reading import FIELDS, ResultError, opened, stored_parameters
 
@@ -90,6 +91,8 @@ class Writer:
         """Check that the file can be written, and take the right to do so."""
         if self.path.exists() and not self.path.is_file():
             raise OSError("it exists and is not a regular file")
+        if match := NAME.fullmatch(self.path.name):
+            raise OSError(f"this is the name of a checkpoint of {match[1]}.h5")
         self._made = [folder for folder in self.path.parents if not folder.exists()]
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = Lock(self.path)
@@ -218,7 +221,8 @@ class Writer:
     def snapshot(self, time, fields):
         """Write the history, and fields at the local nodes, {name: (..., n)}.
 
-        One of the fields is ``coordinates``.
+        One of the fields is ``coordinates``. What is not a number is written as it is, and told on
+        standard error.
         """
         lattice = self.grid.nodes
         shape = lattice.shape[::-1]
@@ -234,6 +238,7 @@ class Writer:
                 group.create_dataset(key, shape + size, dtype="f8")
 
         self.disk.do(prepare)
+        self._tell_meaningless(name, fields)
         group = None if self.comm.rank else self._draft.file["snapshots"][name]
         problem = write_blocks(self.comm, group, blocks_of(lattice, fields))
         if problem:
@@ -244,6 +249,19 @@ class Writer:
         self.snapshots.append((name, time))
         self._fields = {key: size for key, size in components.items() if key != "coordinates"}
         self._write_xdmf()
+
+    def _tell_meaningless(self, snapshot, fields):
+        """Say which fields of a snapshot are not numbers everywhere, and where."""
+        owned = self.grid.nodes.owned
+        for name, values in fields.items():
+            wrong = owned[~np.isfinite(values[..., owned]).reshape(-1, owned.size).all(axis=0)]
+            places = [x for found in self.comm.allgather(fields["coordinates"][:, wrong].T.tolist())
+                      for x in found]
+            if places and self.comm.rank == 0:
+                at = ", ".join(f"{part:.4g}" for part in places[0])
+                print(f"pgran: warning: {self.path}, snapshot {snapshot}: {name} is not a number "
+                      f"at {len(places)} nodes, the first at x = ({at}) d", file=sys.stderr,
+                      flush=True)
 
     def _write_xdmf(self):
         self.disk.do(lambda: write_xdmf(self.path, self.grid.nodes.shape[::-1], self.snapshots,

@@ -168,11 +168,34 @@ class Driver:
         ts.setStepNumber(int(self._behind.get("steps", 0)))
         ts.setTimeStep(self._first_step)
         ts.setFromOptions()
-        if ts.getMaxSteps() < 1:
-            raise ParameterError("ts_max_steps", ts.getMaxSteps(), "allowed is an integer >= 1",
-                                 prefix="")
+        self._check_options(ts)
         self.schur = multigrid.configure(ts.getSNES().getKSP(), form)
         return ts
+
+    def _check_options(self, ts):
+        """Refuse options of PETSc with which a run would never end, or not as it should."""
+        def check(name, value, good, allowed):
+            if not good:
+                raise ParameterError(name, f"{value:g}", f"allowed is {allowed}", prefix="")
+
+        check("ts_max_steps", ts.getMaxSteps(), ts.getMaxSteps() >= 1, "an integer >= 1")
+        check("ts_init_time", ts.getTime(), ts.getTime() == self._time,
+              f"{self._time:g}, where this run begins")
+        dt = ts.getTimeStep()
+        check("ts_dt", dt, 0.0 < dt < np.inf, "a number > 0")
+        most = ts.getSNES().getTolerances()[3]
+        check("snes_max_it", most, most >= 1, "an integer >= 1")
+        database = PETSc.Options()
+        for name in ("snes_error_if_not_converged", "ksp_error_if_not_converged",
+                     "ts_error_if_step_fails"):
+            check(name, 1, not database.getBool(name, False),
+                  "false: a step that fails is repeated smaller")
+        kind = database.getString("dm_mat_type", PETSc.Mat.Type.AIJ)
+        if not kind.endswith(PETSc.Mat.Type.AIJ):
+            raise ParameterError("dm_mat_type", kind, "allowed is aij", prefix="")
+        share = database.getReal("ts_adapt_scale_solve_failed", 0.25)
+        check("ts_adapt_scale_solve_failed", share, 0.0 < share < 1.0, "a number > 0 and < 1: a "
+              "step that fails is repeated smaller")
 
     @property
     def started(self):
@@ -193,17 +216,24 @@ class Driver:
             return self._step
         if 0.0 < dt < self.parameters.step_min:
             least = f"@step_min {self.parameters.step_min:g}"
-            now = f"at {self.case.label(self.state.time)} (time {self.state.time:.6g})"
             if self._failure is None:
-                raise SolutionError(f"the step that is wanted {now} is {dt:.3g}, below {least}")
-            why, cure = self._failure
-            raise SolutionError(f"no step down to {least} converges {now}: {why}. What may help: "
-                                f"{cure}")
+                raise SolutionError(f"the step that is wanted {self._now} is {dt:.3g}, below "
+                                    f"{least}")
+            raise self._given_up(f"no step down to {least} converges")
         self._attempts += 1
         # Between steps of pseudo-time TS asks for residuals: those of the last step's elasticity.
         whole = dt or (self._last if self.steady else 0.0)
         self._dt, self._step = dt, TimeStep(self.form, self.state, whole, self.steady)
         return self._step
+
+    @property
+    def _now(self):
+        return f"at {self.case.label(self.state.time)} (time {self.state.time:.6g})"
+
+    def _given_up(self, what):
+        """Return the error of a step that is not tried again, with why the last attempt failed."""
+        why, cure = self._failure
+        return SolutionError(f"{what} {self._now}: {why}. What may help: {cure}")
 
     def _increment(self, ts, time):
         # TS evaluates a step at the time it leads to, and steady residuals at the present one;
@@ -288,6 +318,9 @@ class Driver:
         dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
         if self._attempts and snes.getConvergedReason() < 0:
             self._failure = described(snes, self.form, self._step.increment, self._tried)
+            if self.ts.getTimeStep() > (1.0 - 1e-9) * self._dt:
+                raise self._given_up(f"a step of {self._dt:.3g} fails, and PETSc's options repeat "
+                                     "it without making it smaller")
         self.grid.from_local(self.state.extrapolated(dt)[0], u)
         self._starting = True
 

@@ -18,6 +18,10 @@ from ..output.reading import opened
 from ..output.results import read_mode, read_snapshot
 from ..space.element import DIM, SHAPE
 
+#: Numbers of a checkpoint without which no run goes on.
+NUMBERS = ("time", "period", "ts_time", "wanted", "steps", "history", "snapshots", "stored", "work",
+           "dissipation")
+
 
 class State:
     """The last accepted state of a rank: all that a step starts from.
@@ -256,8 +260,14 @@ def checkpoint_start(form):
             return file.attrs.get("run", "")
 
     def accept(file):
-        return {name: value.item() if np.ndim(value) == 0 and hasattr(value, "item") else value
-                for name, value in file.attrs.items()}, checkpoint.read_arrays(file, form.grid)
+        values = checkpoint.read_numbers(file, NUMBERS)
+        counts, sizes = ([values.get(name, 1) for name in names] for names in (
+            ("steps", "history", "snapshots"), ("wanted", "dt")))
+        if np.shape(values["period"]) != (DIM, DIM) or min(counts) < 0 or min(sizes) <= 0:
+            raise ValueError("its numbers are those of no run")
+        like = rest(form)
+        like.earlier = like.stress if "dt" in values else None
+        return values, checkpoint.read_arrays(file, form.grid, like.arrays(form.grid))
 
     (values, arrays), _, damaged = checkpoint.newest(path, disk.do(run), accept, disk)
     return State.of(form, values, arrays), values, damaged

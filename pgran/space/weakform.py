@@ -28,6 +28,9 @@ from .grid import Grid
 from .matrix import BatchSum, Block, ElementMatrix, Field
 
 BATCH = 512
+#: A nodal pressure below this share of the mean pressure of the elements around vanishes: what is
+#: left of it is the error of the discretisation.
+VANISHING = 1e-3
 #: Bytes that an unknown takes at least: its rows of the matrix, and where they are.
 LEAST_BYTES = 1000
 
@@ -254,18 +257,22 @@ class WeakForm:
     def nodal_fields(self, local, increment):
         """Return ``fluidity``, ``pressure``, ``inertial_number`` and ``stress_ratio`` at the nodes.
 
-        Arrays (n_nodes,), complete at owned nodes. mu comes from the Gauss points by
-        `at_nodes`; for NGF g is nodal and I = g mu/s, for LI both come from the points too.
+        Arrays (n_nodes,), complete at owned nodes. mu comes from the Gauss points by `at_nodes`.
+        For NGF g is nodal and I = g mu/s, but where the nodal pressure vanishes, and with it s, I
+        comes from the Gauss points too. For LI both come from there.
         """
         _, fluidity, corners = self.grid.split(local)
         pressure = self.corner_field(corners)
-        mu = self.at_nodes(self.stress_ratio(local, increment))
+        mu, I = (self.at_nodes(part) for part in (self.stress_ratio(local, increment),
+                                                  self.inertial_number(local, increment)))
         if self.grid.has_fluidity:
-            I = fluidity * mu / self.material.inverse_time(pressure)
+            P = self._collect(local, increment, lambda p: p.P)
+            around = self.at_nodes(np.broadcast_to(P.mean(axis=0), P.shape))
+            borne = pressure > VANISHING * around
+            I[borne] = (fluidity * mu)[borne] / self.material.inverse_time(pressure[borne])
         else:
-            fluidity, I = (self.at_nodes(self._collect(local, increment, quantity))
-                           for quantity in (lambda p: p.response.fluidity,
-                                            lambda p: p.response.inertial_number))
+            fluidity = self.at_nodes(
+                self._collect(local, increment, lambda p: p.response.fluidity))
         return {"fluidity": fluidity, "pressure": pressure, "inertial_number": I,
                 "stress_ratio": mu}
 

@@ -11,7 +11,7 @@ import inspect
 import subprocess
 import sys
 
-from ..cli import HELP, STOPPED, TOLD
+from ..cli import HELP, STOPPED, TOLD, guard_streams
 from ..options import Interrupted
 
 STUDIES = ("section4", "meshes", "posed", "sensitivity", "verify", "growth", "specimen",
@@ -26,6 +26,7 @@ def load(name):
 
 def main(arguments):
     """Start the study that ``arguments`` name; return the exit code."""
+    guard_streams()
     name, *rest = arguments or HELP[:1]
     if name in HELP:
         lines = (f"  {study:12} {load(study).__doc__.splitlines()[0]}" for study in STUDIES)

@@ -175,6 +175,8 @@ def faults(directory):
 
 def main(moments="20", directory="results/kill"):
     """Kill a run ``moments`` times, and let its disk fail."""
+    if not moments.isdecimal():
+        raise ValueError(f"{moments}: allowed is a number of kills, an integer >= 0")
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     kills(int(moments), directory)

@@ -18,9 +18,10 @@ from pathlib import Path
 import h5py
 
 from .. import cases
-from ..cli import SIGNALS, STOPPED, read_file
+from ..cli import STOPPED, read_file
 from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
 from ..output.checkpoint import checkpoints_of
+from ..signals import SIGNALS
 
 #: Ranks of a run unless a study says otherwise.
 RANKS = int(os.environ.get("PGRAN_RANKS", 2))
@@ -75,7 +76,7 @@ def python(ranks, *arguments, check=True, timeout=None, **more):
     subprocess.CalledProcessError, subprocess.TimeoutExpired
     """
     line, environment = command(ranks, *arguments)
-    with subprocess.Popen(line, env=environment, **more) as process, _passed_on(process):
+    with subprocess.Popen(line, env=environment, **more) as process, _passed_on(process) as passed:
         try:
             output, errors = process.communicate(timeout=timeout)
         except BaseException:
@@ -85,7 +86,9 @@ def python(ranks, *arguments, check=True, timeout=None, **more):
             except subprocess.TimeoutExpired:
                 process.kill()
             raise
-    finished = subprocess.CompletedProcess(line, process.returncode, output, errors)
+    # A signal that comes before Python has started ends the ranks with the code of mpiexec.
+    code = STOPPED if passed and process.returncode else process.returncode
+    finished = subprocess.CompletedProcess(line, code, output, errors)
     if check:
         finished.check_returncode()
     return finished
@@ -93,17 +96,22 @@ def python(ranks, *arguments, check=True, timeout=None, **more):
 
 @contextmanager
 def _passed_on(process):
-    """Let a signal that asks a run to stop reach its ranks, and wait for them.
+    """Let a signal that asks a run to stop reach its ranks; the list holds those that came.
 
     mpiexec hands SIGUSR1 to its ranks, but turns SIGTERM and SIGINT into their end.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may have signals
+        yield []  # only the main thread may have signals
         return
-    before = {number: signal.signal(number, lambda *_: process.send_signal(signal.SIGUSR1))
-              for number in SIGNALS}
+    passed = []
+
+    def pass_on(number, frame):
+        passed.append(number)
+        process.send_signal(signal.SIGUSR1)
+
+    before = {number: signal.signal(number, pass_on) for number in SIGNALS}
     try:
-        yield
+        yield passed
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
