@@ -23,7 +23,7 @@ PAGE = (ROOT / "docs" / "troubleshooting.md").read_text()
         "MUMPS may not use the memory that it needs (INFOG(1) = -19",
         "What may help: a larger -mat_mumps_icntl_23")),
     ("direct.opts", ("-pgran_body_force", "0,0.05"), (
-        "the residual is not a number", "pressure is negative, -0.724 |sigma_1|, at x = (",
+        "the residual is not a number", "pressure is negative, -0.685 |sigma_1|, at x = (",
         "What may help: loads that leave the pressure positive")),
     ("direct.opts", ("-pgran_law", "jop", "-pgran_inertial_number", 0.1, "-pgran_mu_2", 0.45,
                      "-pgran_step_first", 0.01, "-pgran_step_max", 1, "-pgran_step_min", 1e-3), (

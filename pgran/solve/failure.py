@@ -119,21 +119,18 @@ def _largest(snes, form, x):
 
 def _meaningless(form, increment, local):
     """What has no meaning in the unknowns that were tried last, and where; None where all have."""
-    grid, (_, _, pressure) = form.grid, form.grid.split(local)
-    corner = grid.corners.owned
+    pressure, mu = form.pressure(local, increment), form.stress_ratio(local, increment)
+
+    def place(index):
+        q, e = np.unravel_index(index, mu.shape)
+        return _at(SHAPE[q] @ increment.x[:, form.grid.element_nodes[:, e]].T)
 
     def low(index):
-        place = _place(form, increment.x, grid.n_flow + corner[index])[1]
-        return f"pressure is negative, {pressure[corner[index]]:.3g} {form.case.stress_unit}, " \
-               + _at(place)
+        return (f"pressure is negative, {pressure.ravel()[index]:.3g} {form.case.stress_unit}, "
+                + place(index))
 
     def steep(index):
-        q, e = np.unravel_index(index, mu.shape)
-        place = SHAPE[q] @ increment.x[:, grid.element_nodes[:, e]].T
-        return f"mu reaches {mu[q, e]:.4g} {_at(place)}, where the law may have no answer"
+        return f"mu reaches {mu.ravel()[index]:.4g} {place(index)}, where the law may have no answer"
 
-    size, text = _worst(form, -pressure[corner], low)
-    if size > 0.0:
-        return text
-    mu = form.stress_ratio(local, increment)
-    return _worst(form, mu.ravel(), steep)[1]
+    size, text = _worst(form, -pressure.ravel(), low)
+    return text if size > 0.0 else _worst(form, mu.ravel(), steep)[1]

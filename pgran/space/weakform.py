@@ -200,6 +200,10 @@ class WeakForm:
         """Return I of the plastic rate at the Gauss points, (points, n)."""
         return self._collect(local, increment, lambda p: p.response.inertial_number)
 
+    def pressure(self, local, increment):
+        """Return P at the Gauss points, (points, n), stress."""
+        return self._collect(local, increment, lambda p: p.P)
+
     def stress_ratio(self, local, increment):
         """Return mu = tau/P at the Gauss points, (points, n)."""
         return self._collect(local, increment, lambda p: p.response.stress_ratio)

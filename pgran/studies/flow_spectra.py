@@ -67,8 +67,9 @@ def measured(result, case, rate, *options):
     """
     result = Path(result)
     mode = result.with_name(f"{result.stem}_mode.h5")
-    launch.python(1, "-m", "pgran.eigen", "-pgran_restart", result, "-pgran_output", mode,
-                  stdout=subprocess.DEVNULL)
+    if not (mode.exists() and mode.stat().st_mtime > result.stat().st_mtime):
+        launch.python(1, "-m", "pgran.eigen", "-pgran_restart", result, "-pgran_output", mode,
+                      stdout=subprocess.DEVNULL)
     with h5py.File(mode, "r") as file:
         group = file["snapshots/0000"]
         shape, base = group["velocity"][...], group["base_velocity"][...]
