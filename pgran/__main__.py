@@ -101,6 +101,7 @@ class Run:
             first = state.rest(form)
         self.behind = behind or {}
         self.landed = self.source.snapshots if self.source else 0
+        self.given = solver_options()  # before those that are missing are added
         direct = choose_solver()
         self.driver = Driver(form, first, self.observe, is_steady, behind=behind,
                              interrupted=asked)
@@ -149,7 +150,7 @@ class Run:
         if not self.writer.begun:
             if tried:
                 report_unread(self.form.grid.comm)
-            self.writer.begin(self.source, solver_options=solver_options())
+            self.writer.begin(self.source, solver_options=self.given)
             if self.writer.kept:
                 self.terminal.say(f"  an earlier {self.writer.path} is kept as {self.writer.kept}")
 

@@ -297,6 +297,20 @@ def test_launch_passes_a_signal_on_and_goes_on_later(long, tmp_path):
     assert not before.exists() or len(checkpoint.checkpoints_of(path)) == 2
 
 
+def test_ranks_that_a_signal_ends_before_they_can_note_it_count_as_stopped():
+    code = """
+from pgran.studies import launch
+print(launch.python(0, "-c", "import time; print('here', flush=True); time.sleep(30)",
+                    check=False).returncode)
+"""
+    line, environment = launch.command(0, "-c", code)
+    with subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.PIPE,
+                          text=True) as run:
+        assert run.stdout.readline() == "here\n"
+        run.send_signal(signal.SIGTERM)
+        assert run.communicate(timeout=60)[0] == f"{STOPPED}\n"
+
+
 def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(long, tmp_path):
     """The short form of jobs/kill.sh."""
     path, chance = tmp_path / "run.h5", random.Random(11)

@@ -83,6 +83,13 @@ def test_a_result_is_done_only_with_the_options_asked_for(tiny):
     assert launch.done(tiny, FILE, (*TINY, "-snes_atol", "1e-4"))
 
 
+def test_options_that_a_run_adds_by_itself_are_not_compared(tmp_path):
+    file, path = tmp_path / "few.opts", tmp_path / "few.h5"
+    file.write_text("-ts_type pseudo\n-pgran_element_size 20\n-pgran_progress quiet\n")
+    launch.run(path, file, ranks=1)
+    assert launch.done(path, file)
+
+
 def test_what_does_not_change_a_result_is_not_compared(tiny):
     assert launch.done(tiny, FILE, (*TINY, *launch.QUIET, "-pgran_output", "elsewhere.h5"))
     assert launch.done(tiny, FILE, (*TINY, "-pgran_width", "8.0", "-pgran_inertia", "no"))
