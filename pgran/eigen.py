@@ -3,17 +3,17 @@
     mpiexec -n 2 python -m pgran.eigen -options_file options/eigen.opts [-json]
 
 solves J x = -lambda M x about the reference flow of a case, with the Jacobian J and the mass
-matrix M that the simulation uses, by shift-and-invert. Inertia is kept. With ``-pgran_case periodic`` the cell
-holds one wavelength of ``-wave_vector`` each way, with ``-pgran_cell_elements`` elements; each
-eigenvalue is named by the harmonic of its mode and compared with the theory. Other cases have
-their own boundary conditions, and no theory is known of them.
+matrix M that the simulation uses, by shift-and-invert. Inertia is kept. With
+``-pgran_case periodic`` the cell holds one wavelength of ``-wave_vector`` each way, with
+``-pgran_cell_elements`` elements; each eigenvalue is named by the harmonic of its mode and compared
+with the theory. Other cases have their own boundary conditions, and no theory is known of them.
 
     mpiexec -n 2 python -m pgran.eigen -pgran_restart NAME.h5 [-pgran_restart_snapshot n]
 
 finds the spectrum about a snapshot of a result, of any case, on its mesh. Options that are not
 given are those of the result. The flow must be steady with inertia: that of a ring needs
-``-pgran_inertia true``, the others are the same without it. Where the mesh moves, the step of size ``-dt`` is linearised
-(`pgran.growth`), so that mesh and elastic memory take part.
+``-pgran_inertia true``, and the others are the same without it. Where the mesh moves, the step of
+size ``-dt`` is linearised (`pgran.growth`), so that mesh and elastic memory take part.
 
 A good run prints relative errors that fall with order 4 over ``-refinement n,n,...``, and
 residuals near the rounding error. Eigenvalues are in units of gdot0, largest real part first.

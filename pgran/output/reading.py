@@ -132,7 +132,7 @@ def begun_from(texts):
 
 
 def _taken_over(texts, left_out, what):
-    """The parameters of the result that ``pgran_restart`` names, and its options under ``texts``."""
+    """The parameters of the result that a restart names, and its options below ``texts``."""
     path = texts[f"{PREFIX}restart"]
     try:
         with opened(path) as file:

@@ -130,7 +130,8 @@ def _meaningless(form, increment, local):
                 + place(index))
 
     def steep(index):
-        return f"mu reaches {mu.ravel()[index]:.4g} {place(index)}, where the law may have no answer"
+        return (f"mu reaches {mu.ravel()[index]:.4g} {place(index)}, where the law may have no "
+                "answer")
 
     size, text = _worst(form, -pressure.ravel(), low)
     return text if size > 0.0 else _worst(form, mu.ravel(), steep)[1]

@@ -1,10 +1,10 @@
 """Growth rates of the linearised time step, on the mesh that moves with the material.
 
 A step takes the mesh, the stress and the unknowns of one time to those of the next. About the
-reference flow, or about a snapshot, its linearisation has multipliers m, and log(m)/dt are growth rates. Unlike the
-spectra of `pgran.solve.spectrum` they contain the motion of the mesh and the elastic memory. SLEPc
-finds the largest multipliers matrix-free: each product takes two solutions with the Jacobian of
-the step.
+reference flow, or about a snapshot, its linearisation has multipliers m, and log(m)/dt are growth
+rates. Unlike the spectra of `pgran.solve.spectrum` they contain the motion of the mesh and the
+elastic memory. SLEPc finds the largest multipliers matrix-free: each product takes two solutions
+with the Jacobian of the step.
 """
 
 import numpy as np

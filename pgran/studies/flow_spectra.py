@@ -1,4 +1,4 @@
-"""How do disturbances of steady flows decay? Spectra about their snapshots: flow_spectra [directory]
+"""How do disturbances of steady flows decay? Spectra about snapshots: flow_spectra [directory]
 
 The leading eigenvalues of planar shear with gravity, the chute, the ring and the slope, from the
 solver's own Jacobian with inertia (pgran.eigen), on two meshes. Beside the first one stands the

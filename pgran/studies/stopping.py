@@ -26,8 +26,8 @@ TIGHT = "-ts_pseudo_fatol", 1e-13, "-snes_atol", 1e-14, "-snes_rtol", 1e-8
 ELEMENTS = 24
 #: Heights over H_stop at which flow and rest are looked at.
 FLOWING, RESTING = (1.02, 1.04, 1.06, 1.08), (0.95, 1.05)
-#: Time in which the layer at rest may deform elastically, 1/gdot0. The eigenvalue does not depend on
-#: it, but what rounding leaves of a very stiff layer hides it.
+#: Time in which the layer at rest may deform elastically, 1/gdot0. The eigenvalue does not depend
+#: on it, but what rounding leaves of a very stiff layer hides it.
 SOFT = 0.01
 #: Its shear modulus, phi rho_s G d: what the turning of the stress does to mu must not matter.
 RIGID = 1e5

@@ -142,7 +142,7 @@ class Profile:
 
     @property
     def sense(self):
-        """1 where the speed grows along the profile with mu > 0, -1 where it falls, as in a ring."""
+        """1 where mu > 0 makes the speed grow along the profile, -1 where it falls (ring)."""
         return -1.0 if self.flow.ring else 1.0
 
     def velocity(self, x):
