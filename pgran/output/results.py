@@ -411,7 +411,7 @@ def read_mode(parameters, form):
 
 
 def _read_fields(parameters, start, number, form, names, optional=()):
-    """Read fields of a snapshot of the file that ``start`` names, the ``optional`` ones if there."""
+    """Read fields of a snapshot of the file that ``start`` names, ``optional`` ones if there."""
     path, lattice = getattr(parameters, start), form.grid.nodes
 
     def refuse(reason):
