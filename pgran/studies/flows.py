@@ -22,6 +22,7 @@ PLATE, PHI, SPEED, LAYER, RING = 6.67, 0.62, 1e-3, 20.0, 60.0
 #: What a graded mesh needs in the direction of the flow: two elements.
 ALONG = {"planar_shear": "width", "inclined_plane": "width", "vertical_chute": "height"}
 LAWS, MODELS = ("bingham", "jop"), ("li", "ngf")
+GAP = "-pgran_inner_radius", 2, "-pgran_outer_radius", 4, "-pgran_grading", 1.5
 #: Title, case, options, element sizes (d), models.
 FLOWS = (
     ("planar shear", "planar_shear",
@@ -29,9 +30,8 @@ FLOWS = (
      (0.5, 0.25, 0.125, 0.0625), MODELS),
     ("chute", "vertical_chute", ("-pgran_width", 10, "-pgran_gravity", 0.1, "-pgran_grading", 1.5),
      (0.25, 0.125, 0.0625, 0.03125), MODELS),
-    ("ring", "annular_shear",
-     ("-pgran_inner_radius", 2, "-pgran_outer_radius", 4, "-pgran_grading", 1.5),
-     (0.25, 0.125, 0.0625), MODELS),
+    ("ring", "annular_shear", GAP, (0.25, 0.125), ("li",)),
+    ("ring", "annular_shear", GAP, (0.25, 0.125, 0.0625), ("ngf",)),
     ("slope", "inclined_plane",
      ("-pgran_height", 10, "-pgran_slope", 24, "-pgran_grading", 2),
      (0.5, 0.25, 0.125, 0.0625), MODELS),
