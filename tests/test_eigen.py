@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, parameters, refused, run_ranks
 
+from pgran.solve import spectrum
 from pgran.solve.spectrum import theory
 
 FASTEST = "0.06481,0.05300"
@@ -20,6 +21,16 @@ def eigen(ranks, *arguments, **more):
 
 def pairs(ranks, *arguments):
     return json.loads(eigen(ranks, "-json", *arguments).stdout)
+
+
+def pairs_here(k=None, targets=None, **options):
+    """What `pairs` returns, found in this process."""
+    from petsc4py import PETSc
+
+    PETSc.Options().setValue("eps_tol", "1e-10")
+    given = parameters(case="periodic", **options)
+    k = spectrum.fastest(given) if k is None else np.array(k)
+    return spectrum.spectrum(given, PETSc.COMM_WORLD, k, targets)[1]
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
@@ -50,8 +61,7 @@ def test_error_falls_with_order_4():
 
 
 def test_growth_of_li_rises_with_the_square_of_the_wave_number():
-    found = [pairs(1, "-pgran_model", "li", "-wave_vector", f"{0.065 * n},{0.053 * n}")
-             for n in (1, 2, 4)]
+    found = [pairs_here((0.065 * n, 0.053 * n), model="li") for n in (1, 2, 4)]
     rates = []
     for pair_list in found:
         pair = min(pair_list, key=lambda p: p["relative_error"])
@@ -63,10 +73,9 @@ def test_growth_of_li_rises_with_the_square_of_the_wave_number():
 @pytest.mark.parametrize("law", ["bingham", "jop"])
 @pytest.mark.parametrize("relaxation_time", [1e-3, 0.1, 10.0])
 def test_primitive_form_grows_as_its_theory_says(relaxation_time, law):
-    found = pairs(1, "-pgran_model", "ngf_primitive", "-pgran_relaxation_time", relaxation_time,
-                  "-pgran_cell_elements", 32, "-pgran_law", law)
-    rates = theory(parameters(case="periodic", model="ngf_primitive", law=law,
-                              relaxation_time=relaxation_time), np.array([[0.04, 0.03], [0.1, 0]]))
+    given = {"model": "ngf_primitive", "law": law, "relaxation_time": relaxation_time}
+    found = pairs_here(cell_elements=32, **given)
+    rates = theory(parameters(case="periodic", **given), np.array([[0.04, 0.03], [0.1, 0]]))
     assert found[0]["analytic"] > rates.max()  # unless given, the wave vector is the fastest one
     assert all(pair["relative_error"] < 1e-4 for pair in found[:4])
 
@@ -79,11 +88,9 @@ def test_primitive_form_grows_as_its_theory_says(relaxation_time, law):
 def test_both_laws_and_models_over_inertial_numbers(law, inertial_number, model):
     # Away from neutral wave vectors, where a relative error says little.
     k = np.array([0.10, 0.03])
-    rate = float(theory(parameters(case="periodic", law=law, model=model,
-                                   inertial_number=inertial_number), k))
-    found = pairs(1, "-pgran_law", law, "-pgran_model", model, "-wave_vector", "0.10,0.03",
-                  "-pgran_inertial_number", inertial_number, "-target", rate * 0.999,
-                  "-eps_nev", 2)
+    given = {"law": law, "model": model, "inertial_number": inertial_number}
+    rate = float(theory(parameters(case="periodic", **given), k))
+    found = pairs_here(k, [rate * 0.999], **given)
     pair = min(found, key=lambda p: abs(p["analytic"] - rate))
     assert pair["analytic"] == pytest.approx(rate, rel=1e-9)
     assert pair["relative_error"] < 2e-3
