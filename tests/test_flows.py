@@ -13,6 +13,7 @@ from conftest import discretised, newton, noise, parameters, pgran, refused, run
 from mpi4py import MPI
 
 from pgran import cases
+from pgran.options import ParameterError
 from pgran.output.results import write_once
 from pgran.space import element
 from pgran.theory import profiles
@@ -209,6 +210,31 @@ def test_profiles_of_plates_are_homogeneous_without_gravity():
 def test_stopping_heights_are_those_known(slope, height):
     law = created(case="inclined_plane", law="jop", slope=slope).law
     assert profiles.stopping_height(law, 0.48, slope) == pytest.approx(height, abs=6e-4)
+
+
+# Loads
+
+@pytest.mark.parametrize("given, words", [
+    ({"case": "inclined_plane", "slope": 15}, "the slope of 15 degrees bears mu = 0.2679"),
+    ({"case": "vertical_chute", "gravity": 0.03}, "the walls bear mu = gravity W/2 = 0.3"),
+    ({"case": "inclined_plane", "law": "jop", "slope": 25, "height": 2, "element_size": 0.25,
+      "model": "ngf_primitive"}, "does not exceed H_stop = (pi/2) xi = 2.136 d")])
+def test_rest_is_said_where_rest_is_the_answer(given, words):
+    case = created(**given)
+    assert words in case.rests and "rest" in case.rests
+    assert created(**{**given, **{"inclined_plane": {"slope": 26, "height": 3},
+                                  "vertical_chute": {"gravity": 0.05}}[given["case"]]}).rests is None
+
+
+@pytest.mark.parametrize("given, words", [
+    ({"case": "inclined_plane", "law": "jop", "slope": 40}, "it would speed up for ever"),
+    ({"case": "vertical_chute", "law": "jop", "gravity": 0.07}, "it would speed up for ever"),
+    ({"case": "annular_shear", "outer_radius": 10}, "must exceed inner_radius 10"),
+    ({"case": "planar_shear", "inertial_number": 0}, "allowed is a number > 0")])
+def test_what_has_no_answer_is_an_error(given, words):
+    with pytest.raises(ParameterError) as error:
+        created(**given)
+    assert words in str(error.value)
 
 
 # Finite elements against profiles

@@ -36,12 +36,16 @@ class InclinedPlane(_fixed.Layer):
     @property
     def rests(self):
         """Why nothing flows, in words, or None."""
-        limit = self.law.yield_ratio
-        if np.tan(self._angle) > limit:
-            return None
-        return (f"the slope of {self.parameters.slope:g} degrees bears mu = "
-                f"{np.tan(self._angle):.4g}, which does not exceed the yield value {limit:.4g}: "
-                "the material rests")
+        p, limit = self.parameters, self.law.yield_ratio
+        if np.tan(self._angle) <= limit:
+            return (f"the slope of {p.slope:g} degrees bears mu = {np.tan(self._angle):.4g}, which "
+                    f"does not exceed the yield value {limit:.4g}: the material rests")
+        if self.material.model.theory == "ngf_primitive" and p.wall_fluidity == "zero":
+            least = profiles.stopping_height(self.law, p.A, p.slope)
+            if p.height <= least:
+                return (f"the height of {p.height:g} d does not exceed H_stop = (pi/2) xi = "
+                        f"{least:.4g} d: the material comes to rest")
+        return None
 
     @property
     def pressure(self):
