@@ -222,8 +222,8 @@ def test_stopping_heights_are_those_known(slope, height):
 def test_rest_is_said_where_rest_is_the_answer(given, words):
     case = created(**given)
     assert words in case.rests and "rest" in case.rests
-    assert created(**{**given, **{"inclined_plane": {"slope": 26, "height": 3},
-                                  "vertical_chute": {"gravity": 0.05}}[given["case"]]}).rests is None
+    flowing = {"inclined_plane": {"slope": 26, "height": 3}, "vertical_chute": {"gravity": 0.05}}
+    assert created(**{**given, **flowing[given["case"]]}).rests is None
 
 
 @pytest.mark.parametrize("given, words", [
