@@ -101,11 +101,10 @@ class Run:
             first = state.rest(form)
         self.behind = behind or {}
         self.landed = self.source.snapshots if self.source else 0
-        self.given = solver_options()  # before those that are missing are added
-        direct = choose_solver()
+        self.added = choose_solver()
         self.driver = Driver(form, first, self.observe, is_steady, behind=behind,
                              interrupted=asked)
-        if direct:
+        if "pc_type" in self.added:
             self.terminal.say("pgran: no -pc_type is given; MUMPS solves every linear system, as "
                               "with options/direct.opts")
         columns = tuple(name for name in HISTORY if not is_steady or name not in BALANCE)
@@ -150,7 +149,7 @@ class Run:
         if not self.writer.begun:
             if tried:
                 report_unread(self.form.grid.comm)
-            self.writer.begin(self.source, solver_options=self.given)
+            self.writer.begin(self.source, solver_options=solver_options(self.added))
             if self.writer.kept:
                 self.terminal.say(f"  an earlier {self.writer.path} is kept as {self.writer.kept}")
 

@@ -586,25 +586,28 @@ def steady():
 def choose_solver():
     """Give the options of `DIRECT` that are missing, unless ``-pc_type`` says that one was chosen.
 
-    Returns whether it did so. PETSc's own defaults do not solve these equations. Those of
+    Returns the names of those that it gave, a set. PETSc's own defaults do not solve these equations. Those of
     TSPSEUDO solve one linear system a step and never end: the options of `PSEUDO` that are missing
     are given to every steady run.
     """
     from petsc4py import PETSc
 
     database = PETSc.Options()
-    missing = not database.hasName("pc_type")
-    for name, value in {**(DIRECT if missing else {}), **(PSEUDO if steady() else {})}.items():
-        if not database.hasName(name):
-            database.setValue(name, value)
-    return missing
+    wanted = {**({} if database.hasName("pc_type") else DIRECT), **(PSEUDO if steady() else {})}
+    missing = {name: value for name, value in wanted.items() if not database.hasName(name)}
+    for name, value in missing.items():
+        database.setValue(name, value)
+    return set(missing)
 
 
-def solver_options():
-    """Return the options of PETSc that were given, as the lines of an options file."""
+def solver_options(added):
+    """Return the options of PETSc but those ``added`` by pgran, as the lines of an options file.
+
+    They count as read from then on.
+    """
     from petsc4py import PETSc
 
     database = PETSc.Options()
     return "".join(f"-{name} {database.getString(name, '')}".rstrip() + "\n"
-                   for name in sorted(database.getAll())
+                   for name in sorted(set(database.getAll()) - added)
                    if not name.startswith((options.PREFIX, "options_")))
