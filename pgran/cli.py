@@ -268,7 +268,7 @@ def check_sources(words):
     if "-skip_petscrc" in words + more:
         return
     for path in (Path(os.path.expanduser("~"), ".petscrc"), Path(".petscrc"), Path("petscrc")):
-        if path.exists():
+        if os.path.exists(path):  # no error where the home may not be entered
             read_file(path, label=path)
 
 
@@ -586,9 +586,9 @@ def steady():
 def choose_solver():
     """Give the options of `DIRECT` that are missing, unless ``-pc_type`` says that one was chosen.
 
-    Returns the names of those that it gave, a set. PETSc's own defaults do not solve these equations. Those of
-    TSPSEUDO solve one linear system a step and never end: the options of `PSEUDO` that are missing
-    are given to every steady run.
+    PETSc's own defaults do not solve these equations. Those of TSPSEUDO solve one linear system a
+    step and never end: the options of `PSEUDO` that are missing are given to every steady run.
+    Returns the names of those that it gave, a set.
     """
     from petsc4py import PETSc
 

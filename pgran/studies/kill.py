@@ -2,14 +2,15 @@
 
 A run is killed (SIGKILL to all its processes) at 20 random moments, and goes on each time on
 another number of ranks. Its fields and its history must be those of a run that was left alone.
-Then the folder becomes read-only under it, and its disk full. Each ends in one error, with the last
-checkpoint intact, from which the run goes on to the same end. The full disk is a small tmpfs, which
-only root can mount; without root that part is left out, and the study says so.
+Then its files meet a quota, its folder becomes read-only, and its disk full. Each ends in one
+error, with the last checkpoint intact, from which the run goes on to the same end. The full disk is
+a small tmpfs, which only root can mount; without root that part is left out, and the study says so.
 """
 
 import itertools
 import os
 import random
+import resource
 import subprocess
 import tempfile
 import time
@@ -33,8 +34,8 @@ LIMIT = 120.0
 TOLERANCE = 1e-7
 #: A user who is not root.
 NOBODY = 65534
-#: Bytes of the small disk.
-SMALL = 2_300_000
+#: Bytes of the small disk, and those that a file may have under the quota.
+SMALL, QUOTA = 2_300_000, 100_000
 
 
 def steps(path):
@@ -149,9 +150,17 @@ def fault(name, path, whole, spoil, mend, before=()):
         raise SolutionError(f"{name}: more than {TOLERANCE:g} apart")
 
 
+def restrict(number):
+    """Let no file of a process grow beyond `QUOTA`, as a quota does."""
+    resource.prlimit(number, resource.RLIMIT_FSIZE, (QUOTA, QUOTA))
+
+
 def faults(directory):
-    """Let the folder become read-only under a run, and its disk full."""
+    """Let the folder become read-only under a run, its files meet a limit, its disk get full."""
     whole, root = directory / "whole.h5", not os.geteuid()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.h5"
+        fault("quota", path, whole, lambda: launch.for_processes(path, restrict), lambda: None)
     with tempfile.TemporaryDirectory() as folder:  # of a user who is not root, who may write always
         os.chmod(folder, 0o777)
         user = ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups")

@@ -117,14 +117,22 @@ def _passed_on(process):
             signal.signal(number, handler)
 
 
-def kill(text):
-    """Send SIGKILL to all processes of this user whose command line holds a text, but this one."""
+def for_processes(text, action):
+    """Do ``action(number)`` for all processes whose command line holds a text, but this one.
+
+    Those of other users, and those that have just ended, are passed over.
+    """
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit() or int(entry.name) == os.getpid():
             continue
         with suppress(OSError):
             if os.fsencode(text) in (entry / "cmdline").read_bytes():
-                os.kill(int(entry.name), signal.SIGKILL)
+                action(int(entry.name))
+
+
+def kill(text):
+    """Send SIGKILL to all processes of this user whose command line holds a text, but this one."""
+    for_processes(text, lambda number: os.kill(number, signal.SIGKILL))
 
 
 def parsed(tokens):
