@@ -282,7 +282,7 @@ NARROW = {"planar_shear": "width", "inclined_plane": "width", "vertical_chute": 
     ("vertical_chute", "bingham", "ngf", {"width": 10, "gravity": 0.3819 / 4},
      (0.5, 0.25, 0.125, 0.0625), (3.7, 3.7), (1e-6, 1e-6)),
     ("vertical_chute", "jop", "ngf", {"width": 10, "gravity": 0.3819 / 4},
-     (0.5, 0.25, 0.125, 0.0625), (3.7, 3.7), (1e-6, 1e-6)),
+     (0.25, 0.125, 0.0625, 0.03125), (3.7, 3.7), (1e-6, 1e-6)),
     ("inclined_plane", "bingham", "ngf", {"height": 10, "slope": 24, "grading": 2},
      (0.5, 0.25, 0.125, 0.0625), (3.5, 3.5), (1e-6, 1e-6)),
     ("inclined_plane", "jop", "ngf", {"height": 10, "slope": 24, "grading": 2},
