@@ -16,9 +16,12 @@ import time
 
 from ..cli import own, start
 
-ROWS = (
+#: The rows that name the state from which a step starts.
+SNAPSHOT = (
     own("from", "str", "result file with the snapshot"),
-    own("snapshot", "int", "which snapshot; a negative number counts from the end", -1),
+    own("snapshot", "int", "which snapshot; a negative number counts from the end", -1))
+ROWS = (
+    *SNAPSHOT,
     own("dt", "float", "size of the step", 1e-3, unit="1/gdot0", low=0.0, open_low=True),
     own("name", "str", "what the line of JSON calls this step", ""))
 

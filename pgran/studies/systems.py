@@ -12,10 +12,10 @@ import json
 import sys
 
 from ..cli import own, start
+from .one_step import SNAPSHOT
 
 ROWS = (
-    own("from", "str", "result file with the snapshot"),
-    own("snapshot", "int", "which snapshot; a negative number counts from the end", -1),
+    *SNAPSHOT,
     own("dt", "floats", "sizes of the step", (1e-3,), unit="1/gdot0", low=0.0, open_low=True))
 
 
