@@ -237,7 +237,8 @@ RUN = (
            "and an earlier file is kept under a numbered name", suffix=".h5", changeable=True),
     Option("restart", "str", None, "", "result file from which to start: with -ts_type beuler the "
            "run goes on from its newest good checkpoint, with -ts_type pseudo one of its snapshots "
-           "gives geometry and fields", changeable=True),
+           "gives geometry and fields, and pgran.eigen finds the spectrum about a snapshot",
+           changeable=True),
     Option("restart_snapshot", "int", -1, "", "which snapshot of that file, with -ts_type pseudo; "
            "a negative number counts from the end", needs="restart", changeable=True),
     Option("checkpoint_steps", "int", None, "", "write a checkpoint after this many steps; by time "
@@ -245,7 +246,8 @@ RUN = (
     positive("checkpoint_minutes", 10.0, "min", "write a checkpoint after this many minutes; one "
              "is also written at the end of a run, and when it is stopped", changeable=True),
     Option("seed", "str", None, "", "file of a mode, as pgran.eigen writes it; the run starts from "
-           "the reference flow plus this mode"),
+           "the flow that the mode was found about, plus the mode: the reference flow, or a "
+           "snapshot of a fixed mesh"),
     positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode",
              needs="seed"),
     positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "

@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from pgran import cases
 from pgran.options import ParameterError
+from pgran.output.reading import stored_parameters
 from pgran.output.results import write_once
 from pgran.space import element
 from pgran.theory import profiles
@@ -357,7 +358,6 @@ def test_options_file_finds_the_steady_flow(case, flow):
         x, v, g, I = (np.moveaxis(snapshot[name][...], 2, 0) if snapshot[name].ndim == 3
                       else snapshot[name][...]
                       for name in ("coordinates", "velocity", "fluidity", "inertial_number"))
-        from pgran.output.reading import stored_parameters
         own = cases.create(stored_parameters(file))
     assert np.isfinite(I).all()
     velocity, fluidity, _, _ = own.steady(own.profile(), x)
