@@ -382,6 +382,16 @@ def test_a_ring_is_read_without_a_slit(flow):
         == pytest.approx(np.hypot(20.0, 20.0), rel=1e-3)
 
 
+def test_a_ring_does_not_depend_on_the_ranks(tmp_path, flow):
+    given = RUNS["annular_shear"][0]
+    path = tmp_path / "ring.h5"
+    pgran(3, "annular_shear.opts", path, *options(**given))
+    with h5py.File(path) as mine, h5py.File(flow("annular_shear", **given)) as theirs:
+        for name, field in theirs["snapshots/0000"].items():
+            np.testing.assert_allclose(mine["snapshots/0000"][name][...], field[...],
+                                       atol=1e-9 * np.abs(field[...]).max())
+
+
 def test_flow_from_rest_approaches_the_steady_one_at_the_rate_of_its_slowest_mode(tmp_path):
     dt, path = 0.25, tmp_path / "rest.h5"
     given = {"model": "li", "inertia": "true", "height": 4, "slope": 24, "width": 0.5,
