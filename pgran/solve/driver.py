@@ -183,9 +183,10 @@ class Driver:
               f"{self._time:g}, where this run begins")
         dt = ts.getTimeStep()
         check("ts_dt", dt, 0.0 < dt < np.inf, "a number > 0")
-        most = ts.getSNES().getTolerances()[3]
-        check("snes_max_it", most, most >= 1, "an integer >= 1")
         database = PETSc.Options()
+        # PETSc 3.26 takes a negative number as no limit.
+        most = database.getInt("snes_max_it", ts.getSNES().getTolerances()[3])
+        check("snes_max_it", most, most >= 1, "an integer >= 1")
         for name in ("snes_error_if_not_converged", "ksp_error_if_not_converged",
                      "ts_error_if_step_fails"):
             check(name, 1, not database.getBool(name, False),
