@@ -45,7 +45,7 @@ FLOWS = {"planar_shear, graded": ("planar_shear",), "vertical_chute": ("vertical
          "inclined_plane, graded": ("inclined_plane",)}
 #: Ten steps in time. Without line search, because where the force of inertia is large it compares
 #: norms that are rounded.
-TEN = ("-ts_type", "beuler", "-ts_max_steps", 10, "-snes_linesearch_type", "basic",
+TEN = ("-ts_type", "beuler", "-pgran_start", "flow", "-ts_max_steps", 10, "-snes_linesearch_type", "basic",
        "-snes_atol", 1e-6)
 KINDS = {"steady": (), "in time": TEN, "with inertia": (*TEN, "-pgran_inertia", "true")}
 #: What makes a tight run.
