@@ -45,8 +45,8 @@ FLOWS = {"planar_shear, graded": ("planar_shear",), "vertical_chute": ("vertical
          "inclined_plane, graded": ("inclined_plane",)}
 #: Ten steps in time. Without line search, because where the force of inertia is large it compares
 #: norms that are rounded.
-TEN = ("-ts_type", "beuler", "-pgran_start", "flow", "-ts_max_steps", 10, "-snes_linesearch_type", "basic",
-       "-snes_atol", 1e-6)
+TEN = ("-ts_type", "beuler", "-pgran_start", "flow", "-ts_max_steps", 10,
+       "-snes_linesearch_type", "basic", "-snes_atol", 1e-6)
 KINDS = {"steady": (), "in time": TEN, "with inertia": (*TEN, "-pgran_inertia", "true")}
 #: What makes a tight run.
 TIGHT = ("-pgran_step_error", 0.01, "-snes_atol", 1e-7, "-ksp_rtol", 1e-4,
