@@ -44,6 +44,16 @@ def test_a_solver_that_fails_says_why_and_where_and_leaves_a_checkpoint(tmp_path
         assert not file.attrs.get("complete", False)
 
 
+def test_a_factorisation_is_made_anew_after_one_that_failed(tmp_path):
+    """PETSc leaves out those that follow a failure of MUMPS, and then ends in its solution phase."""
+    size = 0.0078125  # elements at the free surface are smaller than 1e-8 d
+    done = pgran(0, "inclined_plane.opts", tmp_path / "run.h5", "-pgran_model", "li",
+                 "-pgran_height", 10, "-pgran_slope", 24, "-pgran_grading", 3,
+                 "-pgran_element_size", size, "-pgran_width", 2 * size, "-pgran_step_min", 4e-4,
+                 check=False, limit=60)
+    refused(done, "no step down to", "MUMPS found the matrix singular (INFOG(1) = -10")
+
+
 def test_a_step_that_fails_is_never_repeated_as_it_is(tmp_path):
     code = """
 import sys, petsc4py

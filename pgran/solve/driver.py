@@ -319,6 +319,9 @@ class Driver:
         dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
         if self._attempts and snes.getConvergedReason() < 0:
             self._failure = described(snes, self.form, self._step.increment, self._tried)
+            pc = snes.getKSP().getPC()
+            if pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
+                pc.reset()  # after a failure of MUMPS PETSc would leave out all that follow
             if self.ts.getTimeStep() > (1.0 - 1e-9) * self._dt:
                 raise self._given_up(f"a step of {self._dt:.3g} fails, and PETSc's options repeat "
                                      "it without making it smaller")
