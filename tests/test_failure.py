@@ -45,7 +45,7 @@ def test_a_solver_that_fails_says_why_and_where_and_leaves_a_checkpoint(tmp_path
 
 
 def test_a_factorisation_is_made_anew_after_one_that_failed(tmp_path):
-    """PETSc leaves out those that follow a failure of MUMPS, which then has nothing to solve with."""
+    """PETSc leaves out those that follow a failure of MUMPS, which then cannot solve."""
     size = 0.0078125  # elements at the free surface are smaller than 1e-8 d
     done = pgran(0, "inclined_plane.opts", tmp_path / "run.h5", "-pgran_model", "li",
                  "-pgran_height", 10, "-pgran_slope", 24, "-pgran_grading", 3,
