@@ -3,7 +3,7 @@
 #
 #   bash jobs/stopping.sh [directory: results/stopping] [-pgran_... options for all]
 #
-# About five minutes on two cores.
+# About three minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
 exec "$python" -m pgran.studies stopping "$@"

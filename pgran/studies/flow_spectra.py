@@ -3,7 +3,7 @@
 The leading eigenvalues of planar shear with gravity, the chute, the ring and the slope, from the
 solver's own Jacobian with inertia (pgran.eigen), on two meshes. Beside the first one stands the
 rate at which a small disturbance of its mode decays or grows in the nonlinear solver. The second
-table asks which waves along planar shear grow with LI, and what NGF does to them. About five
+table asks which waves along planar shear grow with LI, and what NGF does to them. About three
 minutes on two cores.
 """
 

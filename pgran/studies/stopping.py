@@ -3,7 +3,7 @@
 H_stop over the slope in three ways: the closed form (pi/2) xi(mu); the height at which the fluidity
 of steady flow goes to zero; and the height at which the leading eigenvalue of the layer at rest,
 g = 0, changes its sign in the solver's own Jacobian. Then layers that start almost at rest and from
-flow, thinner and thicker than H_stop. About five minutes on two cores.
+flow, thinner and thicker than H_stop. About three minutes on two cores.
 """
 
 import json
