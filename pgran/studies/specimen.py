@@ -32,9 +32,8 @@ COUPLINGS = ("", "spin", "memory", "spin,memory", "interior", "faces", "geometry
 HEIGHTS = 60, 80, 120, 160, 240
 BASE = "-pgran_element_size", 2
 _SLOW = {"step": 5e-4, "end": 0.05}
-#: Name, options, and arguments of `measured` of the last table. With inertia the pressure mass
-#: matrix is no stand-in for the Schur complement, and loading leaves a pattern of 4 % of I0 that
-#: the mode has to outgrow.
+#: Name, options, and arguments of `measured` of the last table. With inertia loading
+#: leaves a pattern of 4 % of I0 that the mode has to outgrow.
 CASES = (
     ("L = 40 d, I0 = 0.001, G = 1000", (), {}),
     ("L = 20 d", ("-pgran_width", 20), _SLOW),
