@@ -119,7 +119,7 @@ class Driver:
                 "step_min", parameters.step_min, "the first step, a tenth of the time of elastic "
                 f"loading, is {self._first_step:.3g}, which is smaller; allowed is less than it, a "
                 f"smaller @shear_modulus than {parameters.shear_modulus:g}, or a @step_first")
-        self._dt = self._step = self._committed = self._tried = None
+        self._dt = self._step = self._committed = self._tried = self._rows = None
         self._last, self._creep = self._first_step, 1.0
         self._attempts, self._starting, self._failure = 0, False, None
         self.at_rest, self._moving = False, bool(self._behind)  # a run that goes on has moved
@@ -147,7 +147,8 @@ class Driver:
 
     def _create_ts(self):
         form = self.form
-        self.matrix, self._residual_vector = form.create_matrix(), self.grid.create_vector()
+        self.matrix = form.create_matrix(self._matrix_type())
+        self._residual_vector = self.grid.create_vector()
         self.schur = None
         ts = PETSc.TS().create(comm=self.grid.comm)
         ts.setDM(multigrid.field_shell(form))
@@ -172,6 +173,13 @@ class Driver:
         self.schur = multigrid.configure(ts.getSNES().getKSP(), form)
         return ts
 
+    @staticmethod
+    def _matrix_type():
+        kind = PETSc.Options().getString("dm_mat_type", PETSc.Mat.Type.AIJ)
+        if kind not in (PETSc.Mat.Type.AIJ, PETSc.Mat.Type.NEST):
+            raise ParameterError("dm_mat_type", kind, "allowed is aij or nest", prefix="")
+        return kind
+
     def _check_options(self, ts):
         """Refuse options of PETSc with which a run would never end, or not as it should."""
         def check(name, value, good, allowed):
@@ -191,9 +199,6 @@ class Driver:
                      "ts_error_if_step_fails"):
             check(name, 1, not database.getBool(name, False),
                   "false: a step that fails is repeated smaller")
-        kind = database.getString("dm_mat_type", PETSc.Mat.Type.AIJ)
-        if not kind.endswith(PETSc.Mat.Type.AIJ):
-            raise ParameterError("dm_mat_type", kind, "allowed is aij", prefix="")
         share = database.getReal("ts_adapt_scale_solve_failed", 0.25)
         check("ts_adapt_scale_solve_failed", share, 0.0 < share < 1.0, "a number > 0 and < 1: a "
               "step that fails is repeated smaller")
@@ -253,14 +258,26 @@ class Driver:
                 # TS asks for a norm between steps. Stress may grow in equilibrium, which no row
                 # tells: its elastic strain rate joins the first one.
                 rows[:1] = np.hypot(rows[:1], self._creep)
+            self._rows = rows
             f.setArray(rows)
 
     def _ijacobian(self, ts, time, u, rate, shift, jacobian, preconditioner):
         with PETSc.Log.Stage("Jacobian"):
             local, increment = self.grid.to_local(u), self._increment(ts, time)
-            self.form.jacobian(local, shift, increment, preconditioner)
+            defect = self._fluidity_defect(local, rate, increment)
+            self.form.jacobian(local, shift, increment, preconditioner, defect)
             if self.schur is not None:
                 self.schur.fill(local, shift, increment, preconditioner)
+
+    def _fluidity_defect(self, local, rate, increment):
+        """What the chord of the fluidity equation takes into account, or None. Collective."""
+        if not self.parameters.chord or not self.grid.has_fluidity:
+            return None
+        # SNES has just asked for the residual there.
+        known, rows = self._tried is not None and np.array_equal(local, self._tried), self._rows
+        if self.comm.allreduce(not known, MPI.LOR):
+            rows = self.form.residual(local, self.grid.to_local(rate), increment)
+        return self.form.fluidity_defect(rows, increment)
 
     def _stop_if_asked(self):
         """Raise `Interrupted` on all ranks if one of them was asked to stop."""

@@ -216,6 +216,14 @@ class Grid:
         return {name: PETSc.IS().createGeneral(numbers, comm=self.comm)
                 for name, numbers in sets.items()}
 
+    def part_sets(self):
+        """Return the index sets of all unknowns at nodes and of the pressures. Collective."""
+        n_flow = self.nodes.owned.size * self.dof
+        start = self.comm.tompi4py().scan(self.n_owned) - self.n_owned
+        return [PETSc.IS().createGeneral(np.arange(first, last, dtype=PETSc.IntType),
+                                         comm=self.comm)
+                for first, last in ((start, start + n_flow), (start + n_flow, start + self.n_owned))]
+
     def largest(self, values):
         """Return the entry of largest size among the ``values`` (n,) of all ranks. Collective."""
         return max(self.comm.tompi4py().allgather(values[np.argmax(np.abs(values))]), key=abs)

@@ -7,11 +7,15 @@ gives no access to those; `stored_values` is the one place that asks PETSc itsel
 """
 
 import ctypes
-from contextlib import contextmanager
+import hashlib
+from contextlib import ExitStack, contextmanager
 from typing import NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
+
+#: Points whose rows are laid out at a time.
+CHUNK = 8192
 
 
 class Field(NamedTuple):
@@ -44,13 +48,16 @@ class BatchSum:
         Their places in the array; its length or more for numbers that are left out.
     length : int
         Length of the array.
+    known : dict
+        Places that other batches have, from the first of theirs on. On a structured grid those of
+        most batches are the same, so that they are kept once and stay in the cache.
     """
 
-    def __init__(self, chosen, places, length):
+    def __init__(self, chosen, places, length, known):
         inside = places < length
         low, high = (places[inside].min(), places[inside].max() + 1) if inside.any() else (0, 0)
         self._chosen, self._target = chosen, slice(low, high)
-        self._places = np.where(inside, places - low, high - low).astype(np.int32)
+        self._places = _kept(np.where(inside, places - low, high - low), known)
 
     def add(self, numbers, array):
         """Add the ``numbers`` (m,) of the batch to ``array``."""
@@ -59,110 +66,176 @@ class BatchSum:
         array[self._target] += sums[:length]
 
 
+def _kept(places, known):
+    """``places``, or the array of ``known`` that has the same numbers."""
+    places = places.astype(np.intp)
+    return known.setdefault(hashlib.blake2b(places).digest(), places)
+
+
+class Part(NamedTuple):
+    """Rows or columns of a matrix: ``dof`` unknowns of each point of a lattice."""
+
+    lattice: object
+    dof: int
+
+    @property
+    def owned(self):
+        """Local numbers of the owned unknowns, (n,)."""
+        return (self.lattice.owned[:, None] * self.dof + np.arange(self.dof)).ravel()
+
+
 class ElementMatrix:
-    """Matrices of one pattern, filled with the entries of element matrices. Collective.
+    """A matrix that is a sum of element matrices: where their entries go. Making it is collective.
 
     Parameters
     ----------
     grid : pgran.space.grid.Grid
-    parts : list of (Lattice, int)
-        The lattices of the rows and columns, and how many unknowns their points have.
-    global_number : ndarray, (n_local,)
+    rows, columns : list of Part
+        Local numbers count through them.
+    numbers : ndarray, (n_local,)
         Global numbers of the columns.
+    held : (ndarray of bool, ndarray of bool)
+        Rows and columns that are prescribed: they stay empty. In a square matrix (``rows`` is
+        ``columns``) these rows are those of the identity.
     groups : list of list of Block
         The blocks of an element matrix, in groups whose rows lie close together.
     batches : list of slice
         The elements, batch by batch.
-    held : ndarray of bool, (n_local,)
-        The columns that are prescribed: they stay empty, and their rows are those of the identity.
+    first : int
+        The first of these blocks' entries among all entries of an element.
     """
 
-    def __init__(self, grid, parts, global_number, groups, batches, held):
-        self._comm, self._global_number = grid.comm, global_number
-        sparsity = Sparsity(grid, parts, parts)
-        self._rows = grid, parts
-        pattern = self._pattern(sparsity)
-        where = _places(pattern, sparsity, global_number)
-        with stored_values(pattern) as arrays:
+    def __init__(self, grid, rows, columns, numbers, held, groups, batches, first=0):
+        self._grid, self._rows, self._columns = grid, rows, columns
+        self._numbers, self._held, self._batches = numbers, held, batches
+        self.entries = sum(len(block.row.points) * len(block.column.points)
+                           for group in groups for block in group)
+        self._made, where, lengths = self._first_matrix(self._sparsity())
+        self._lay_out(groups, first, self._sparsity(), where, lengths)
+
+    def _sparsity(self):
+        return Sparsity(self._grid, self._rows, self._columns)
+
+    def _first_matrix(self, sparsity):
+        """A matrix, where PETSc keeps its entries, and how many: see `_places`."""
+        matrix = self._pattern(sparsity)
+        with stored_values(matrix) as arrays:
             lengths = [array.size for array in arrays]
-        pattern.destroy()
-        offsets = np.cumsum([0] + [lattice.size * dof for lattice, dof in parts])
+        where = _places(matrix, sparsity, self._numbers)
+        matrix.zeroEntries()
+        return matrix, where, lengths
 
-        def held_at(field, points):
-            return held[offsets[field.part] + points * parts[field.part][1] + field.number]
+    def _lay_out(self, groups, first, sparsity, where, lengths):
+        starts = [np.cumsum([0] + [part.lattice.size * part.dof for part in parts])
+                  for parts in (self._rows, self._columns)]
 
-        self._batches, self._sums = batches, []
-        for batch in batches:
-            sums, first = [], 0
+        def held_at(side, field):
+            parts = (self._rows, self._columns)[side]
+            return self._held[side][starts[side][field.part]
+                                    + field.points * parts[field.part].dof + field.number]
+
+        self._sums, known = [], {}
+        for batch in self._batches:
+            sums, begin = [], first * (batch.stop - batch.start)
             for group in groups:
                 places = []
                 for block in group:
                     row, column = (field._replace(points=field.points[:, batch])
                                    for field in block)
                     place = where[sparsity.places(Block(row, column))]
-                    place[held_at(row, row.points)[:, None]
-                          | held_at(column, column.points)] = sum(lengths)
+                    place[held_at(0, row)[:, None] | held_at(1, column)] = sum(lengths)
                     places.append(place.ravel())
                 places = np.concatenate(places)
-                sums.append((0, BatchSum(slice(first, first + places.size), places, lengths[0])))
+                sums.append((0, BatchSum(slice(begin, begin + places.size), places, lengths[0],
+                                         known)))
                 far = np.flatnonzero((places >= lengths[0]) & (places < sum(lengths)))
                 if far.size:
-                    sums.append((1, BatchSum(first + far, places[far] - lengths[0], lengths[1])))
-                first += places.size
+                    sums.append((1, BatchSum(begin + far, places[far] - lengths[0], lengths[1],
+                                             known)))
+                begin += places.size
             self._sums.append(sums)
-        self._size = first
-        ones = []
-        for number, (lattice, dof) in enumerate(parts):
+        ones = [np.empty(0, dtype=int)]
+        for number, (lattice, dof) in enumerate(self._rows if self._square else ()):
             for unknown in range(dof):
                 field = Field(number, unknown, lattice.owned[None])
                 place = sparsity.places(Block(field, field))[0, 0]
-                ones.append(where[place][held_at(field, lattice.owned)])
+                ones.append(where[place][held_at(0, field)[0]])
         self._ones = np.concatenate(ones)
+
+    @property
+    def _square(self):
+        return self._rows is self._columns
 
     def _pattern(self, sparsity):
         """A matrix with all entries of ``sparsity``, each holding its own number."""
-        start = sparsity.start.astype(PETSc.IntType)
-        column = self._global_number[sparsity.column].astype(PETSc.IntType)
-        n_rows = start.size - 1
-        matrix = PETSc.Mat().create(comm=self._comm)
+        comm = self._grid.comm
+        ranks, n_rows = comm.tompi4py(), sparsity.start.size - 1
+        n_columns = sum(part.owned.size for part in self._columns)
+        last, size = ranks.scan(n_columns), ranks.allreduce(n_columns)
+        matrix = PETSc.Mat().create(comm=comm)
         matrix.setType(PETSc.Mat.Type.AIJ)
-        matrix.setSizes(((n_rows, None), (n_rows, None)))
-        ranks = self._comm.tompi4py()
-        last, size = ranks.scan(n_rows), ranks.allreduce(n_rows)
-        here = np.add.reduceat((last - n_rows <= column) & (column < last), start[:-1], dtype=int)
+        matrix.setSizes(((n_rows, None), (n_columns, None)))
+        here = np.zeros(n_rows, dtype=PETSc.IntType)
+        for rows, start, column in sparsity.chunks():
+            column = self._numbers[column]
+            here[rows] = np.add.reduceat(
+                (last - n_columns <= column) & (column < last), start[:-1], dtype=int)
         # A cell of two elements reaches a node from both sides, and counts it twice.
-        there = np.minimum(np.diff(start) - here, size - n_rows)
-        matrix.setPreallocationNNZ((np.minimum(here, n_rows).astype(PETSc.IntType),
+        there = np.minimum(np.diff(sparsity.start) - here, size - n_columns)
+        matrix.setPreallocationNNZ((np.minimum(here, n_columns).astype(PETSc.IntType),
                                     there.astype(PETSc.IntType)))
-        matrix.setValuesCSR(start, column, np.arange(column.size, dtype=PETSc.ScalarType))
+        above = ranks.scan(n_rows) - n_rows
+        for rows, start, column in sparsity.chunks():
+            matrix.setValuesIJV(
+                start.astype(PETSc.IntType), self._numbers[column].astype(PETSc.IntType),
+                sparsity.start[rows.start] + np.arange(column.size, dtype=PETSc.ScalarType),
+                rowmap=np.arange(above + rows.start, above + rows.stop, dtype=PETSc.IntType))
         matrix.assemble()
         return matrix
-
-    @property
-    def entries(self):
-        """The number of entries of one element."""
-        batch = self._batches[-1]
-        return self._size // (batch.stop - batch.start)
 
     def create(self):
         """Return a new matrix of zeros, which belongs to the caller. Collective."""
-        grid, parts = self._rows
-        matrix = self._pattern(Sparsity(grid, parts, parts))
-        matrix.zeroEntries()
+        matrix, self._made = self._made, None
+        if matrix is None:
+            matrix = self._pattern(self._sparsity())
+            matrix.zeroEntries()
         return matrix
 
-    def fill(self, matrix, evaluate):
-        """Fill ``matrix``; ``evaluate(number, out)`` gives the entries (entries, n) of a batch."""
+    @contextmanager
+    def filling(self, matrix):
+        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
         with stored_values(matrix) as arrays:
             for array in arrays:
                 array[:] = 0.0
-            for number, (batch, sums) in enumerate(zip(self._batches, self._sums)):
-                out = np.empty((self.entries, batch.stop - batch.start))
-                evaluate(number, out)
-                for part, batch_sum in sums:
+
+            def add(number, out):
+                for part, batch_sum in self._sums[number]:
                     batch_sum.add(out.ravel(), arrays[part])
+
+            yield add
             arrays[0][self._ones] = 1.0
         matrix.assemble()
+
+
+def fill(parts, batches, evaluate):
+    """Fill matrices from the same element matrices. Collective.
+
+    Parameters
+    ----------
+    parts : list of (ElementMatrix, PETSc.Mat)
+    batches : list of slice
+        The elements, batch by batch.
+    evaluate : callable
+        ``evaluate(number, out)`` puts the entries of a batch into ``out``, (n_all, n).
+    """
+    entries = sum(part.entries for part, _ in parts)
+    with ExitStack() as stack:
+        adds = [stack.enter_context(part.filling(matrix)) for part, matrix in parts]
+        for number, batch in enumerate(batches):
+            out = np.empty((entries, batch.stop - batch.start))
+            evaluate(number, out)
+            for add in adds:
+                add(number, out)
 
 
 class Sparsity:
@@ -175,37 +248,57 @@ class Sparsity:
     Parameters
     ----------
     grid : pgran.space.grid.Grid
-    rows, columns : list of (Lattice, int)
-        Lattices and unknowns of a point. Local column numbers count through ``columns``, row
-        numbers through the owned points of ``rows``.
+    rows, columns : list of Part
+        Local column numbers count through ``columns``, row numbers through the owned points of
+        ``rows``.
+
+    Attributes
+    ----------
+    start : ndarray, (n_rows + 1,)
+        The first entry of each row.
     """
 
     def __init__(self, grid, rows, columns):
-        self.columns = columns
-        starts, indices, self._blocks = [np.zeros(1, dtype=np.int64)], [], []
-        n_entries = 0
+        self._columns, self._blocks = columns, []
+        starts, n_entries = [np.zeros(1, dtype=np.int64)], 0
         for lattice, dof in rows:
             reach = _reach(grid, lattice)
-            number, used, widths = self._column_numbers(lattice, reach)
-            lengths = np.repeat(used.sum(axis=1), dof)
-            indices.append(np.repeat(number[:, None], dof, axis=1)[
-                np.repeat(used[:, None], dof, axis=1)])
-            first = n_entries + np.concatenate([[0], np.cumsum(lengths)])
+            widths = [np.prod(_span(reach, target)[1], axis=0) * target_dof
+                      for target, target_dof in columns]
+            ends = n_entries + np.cumsum(np.repeat(sum(widths), dof))
             place = np.full(lattice.size, -1)
             place[lattice.owned] = np.arange(lattice.owned.size)
-            self._blocks.append((dof, place, first[:-1], reach, widths))
-            starts.append(first[1:])
-            n_entries = first[-1]
+            self._blocks.append(
+                (dof, place, np.concatenate([[n_entries], ends[:-1]]), reach, widths))
+            starts.append(ends)
+            n_entries = ends[-1]
         self.start = np.concatenate(starts)
-        self.column = np.concatenate(indices)
         self.size = int(n_entries)
 
-    def _column_numbers(self, lattice, reach):
-        """For each owned point: candidate local columns (n, m), which are used, block widths."""
-        numbers, used, widths = [], [], []
-        offset = 0
-        owned = lattice.owned
-        for target, dof in self.columns:
+    def chunks(self):
+        """Yield (rows, start, column) of some rows at a time, in their order.
+
+        ``rows`` is a slice of the owned rows, ``start`` (n + 1,) the first entry of each among
+        these, and ``column`` (m,) the local columns.
+        """
+        first = 0
+        for dof, place, _, reach, _ in self._blocks:
+            owned = np.count_nonzero(place >= 0)
+            for begin in range(0, owned, CHUNK):
+                chunk = slice(begin, min(begin + CHUNK, owned))
+                number, used = self._column_numbers([
+                    [index[chunk] for index in span] for span in reach])
+                column = np.repeat(number[:, None], dof, axis=1)[
+                    np.repeat(used[:, None], dof, axis=1)]
+                rows = slice(first + chunk.start * dof, first + chunk.stop * dof)
+                start = self.start[rows.start:rows.stop + 1]
+                yield rows, start - start[0], column
+            first += owned * dof
+
+    def _column_numbers(self, reach):
+        """For each point of a reach: candidate local columns (n, m), and which are used."""
+        numbers, used, offset = [], [], 0
+        for target, dof in self._columns:
             start, count = _span(reach, target)
             most = 2 * target.per_element + 1
             b, a = np.mgrid[:most, :most]
@@ -213,11 +306,10 @@ class Sparsity:
             inside = (a < count[0][:, None]) & (b < count[1][:, None])
             point = target.index(start[0][:, None] + a, start[1][:, None] + b)
             number = offset + point[:, :, None] * dof + np.arange(dof)
-            numbers.append(number.reshape(owned.size, -1))
+            numbers.append(number.reshape(len(point), -1))
             used.append(np.repeat(inside, dof, axis=1))
-            widths.append(count[0] * count[1] * dof)
             offset += target.size * dof
-        return np.hstack(numbers), np.hstack(used), widths
+        return np.hstack(numbers), np.hstack(used)
 
     def places(self, block):
         """Return where the entries of a `Block` stand among the values, (n_a, n_b, n).
@@ -226,7 +318,7 @@ class Sparsity:
         """
         row, column = block
         dof, place_of, first, reach, widths = self._blocks[row.part]
-        target, target_dof = self.columns[column.part]
+        target, target_dof = self._columns[column.part]
         start, count = _span(reach, target)
         place = place_of[row.points]
         safe = np.where(place < 0, 0, place)
@@ -260,19 +352,19 @@ def _span(reach, target):
     return start, count
 
 
-def _places(matrix, sparsity, global_number):
+def _places(matrix, sparsity, numbers):
     """Where PETSc keeps each entry of a matrix whose entries hold their own numbers.
 
     (size + 1,): counted through `stored_values`, and their total length for what has no place.
     """
-    start, column = sparsity.start, global_number[sparsity.column]
     with stored_values(matrix) as arrays:
         kept = np.concatenate(arrays).astype(PETSc.IntType)
-    where = np.full(column.size + 1, kept.size, dtype=PETSc.IntType)
-    where[kept] = np.arange(kept.size)
+    where = np.full(sparsity.size + 1, kept.size, dtype=PETSc.IntType)
+    where[kept] = np.arange(kept.size, dtype=PETSc.IntType)
     lost = np.flatnonzero(where[:-1] == kept.size)
     if lost.size:  # in a cell of two elements: the second of two entries of one place
-        key = np.repeat(np.arange(start.size - 1), np.diff(start)) * np.int64(
+        column = numbers[np.concatenate([column for _, _, column in sparsity.chunks()])]
+        key = np.repeat(np.arange(sparsity.start.size - 1), np.diff(sparsity.start)) * np.int64(
             matrix.getSize()[1]) + column
         order = np.argsort(key[kept])
         where[lost] = order[np.searchsorted(key[kept], key[lost], sorter=order)]

@@ -21,11 +21,13 @@ from petsc4py import PETSc
 
 from .. import cases
 from ..material.elasticity import COMPONENTS
+from ..material.models import Quantity
 from ..options import ParameterError
 from . import element
+from .chord import chord
 from .element import DIM, NODES, POINTS
 from .grid import Grid
-from .matrix import BatchSum, Block, ElementMatrix, Field
+from .matrix import BatchSum, Block, ElementMatrix, Field, Part, fill
 
 BATCH = 512
 #: A nodal pressure below this share of the mean pressure of the elements around vanishes: what is
@@ -71,6 +73,18 @@ def _check_size(parameters, case, comm):
         raise ParameterError("case", parameters.case, f"{text}, which need at least "
                              f"{needed / 2**30:.3g} GB a rank, and this machine has "
                              f"{there / 2**30:.3g} GB; larger elements, or more machines")
+
+
+def _batches(grid):
+    """The elements of a rank, some whole rows at a time, or equal parts of a row, as slices."""
+    n = grid.n_elements
+    row = np.count_nonzero(grid.element_j == grid.element_j[0])
+    if row <= BATCH:
+        ends = np.arange(0, n, row * (BATCH // row))
+    else:
+        cuts = np.linspace(0, row, -(-row // BATCH), endpoint=False).astype(int)
+        ends = (np.arange(0, n, row)[:, None] + cuts).ravel()
+    return [slice(first, last) for first, last in zip(ends, [*ends[1:], n])]
 
 
 @dataclass
@@ -119,9 +133,8 @@ class WeakForm:
         model = self.material.model
         density = self.material.bulk_density if case.parameters.inertia else 0.0
         self.storage = {"velocity": density, "fluidity": 0.0, **model.storage}
-        n = grid.n_elements
         self.convective = bool(density) and not case.moving
-        self.batches = [slice(k, min(k + BATCH, n)) for k in range(0, n, BATCH)]
+        self.batches = _batches(grid)
         self._yield_factor = case.yield_factor(grid.element_i, grid.element_j)
         self._weak = grid.comm.tompi4py().allreduce(
             bool((self._yield_factor != 1.0).any()), MPI.LOR)
@@ -427,60 +440,119 @@ class WeakForm:
     # Jacobian
 
     def _lay_out_matrices(self):
-        """Lay out the blocks of the element matrices in one array of entries, and the matrices."""
-        grid = self.grid
-        fields = {name: Field(0, number, grid.element_nodes)
-                  for number, name in enumerate(grid.fields)}
-        fields["P"] = Field(1, 0, grid.element_corners)
-        self._rows, groups, count = {}, ([], []), 0
-
-        def add(group, row, column):
-            nonlocal count
-            block = Block(fields[row], fields[column])
-            rows = len(block.row.points) * len(block.column.points)
-            self._rows[row, column] = slice(count, count + rows)
-            count += rows
-            groups[group].append(block)
-
-        for row in grid.fields:
-            for column in (*grid.fields, "P"):
-                add(0, row, column)
-        for column in grid.velocities:
-            add(1, "P", column)
-        self._force_sums = []
+        """Lay out the blocks of the element matrices in one array of entries, and the forces."""
+        grid, count = self.grid, 0
+        self._rows, self._matrices = {}, {}
+        flow = [(row, column) for row in grid.fields for column in grid.fields]
+        self._couplings = flow, [(row, "P") for row in grid.fields], [
+            ("P", column) for column in grid.velocities]
+        for row, column in sum(self._couplings, []):
+            size = np.prod([len(grid.element_unknowns[grid.blocks[name]])
+                            for name in (row, column)])
+            self._rows[row, column] = slice(count, count + size)
+            count += size
+        self._force_sums, known = [], {}
         for batch in self.batches:
             rows, size = grid.element_unknowns[:, batch], batch.stop - batch.start
             flow = size * NODES * grid.dof
             parts = slice(0, flow), slice(flow, None)
-            self._force_sums.append([BatchSum(part, rows.ravel()[part], grid.n_local)
+            self._force_sums.append([BatchSum(part, rows.ravel()[part], grid.n_local, known)
                                      for part in parts])
-        nodes, corners = (grid.nodes, grid.dof), (grid.corners, 1)
-        self._jacobian = ElementMatrix(grid, [nodes, corners], grid.global_number, groups,
-                                       self.batches, self.held)
-        pressure = Field(0, 0, grid.element_corners)
-        self._mass = ElementMatrix(grid, [corners], grid.corners.dm.getLGMap().indices,
-                                   [[Block(pressure, pressure)]], self.batches,
-                                   self.held[grid.n_flow:])
+        self._mass = None
 
-    def create_matrix(self):
-        """Return an empty parallel matrix (AIJ) with the places of the Jacobian. Collective."""
-        return self._jacobian.create()
+    def _element_matrices(self, kind):
+        """The element matrices of the Jacobian, [[...], ...]: one for all, or one for each block.
+
+        Collective.
+        """
+        if kind not in self._matrices:
+            self._matrices[kind] = {"aij": self._whole, "nest": self._blocks}[kind]()
+        return self._matrices[kind]
+
+    def _field(self, name, pressure):
+        """A `Field` by name; ``pressure`` numbers the part that has the corners."""
+        if name == "P":
+            return Field(pressure, 0, self.grid.element_corners)
+        return Field(0, self.grid.fields.index(name), self.grid.element_nodes)
+
+    def _whole(self):
+        grid, (flow, right, below) = self.grid, self._couplings
+        parts = [Part(grid.nodes, grid.dof), Part(grid.corners, 1)]
+        groups = [[Block(*(self._field(name, 1) for name in pair)) for pair in pairs]
+                  for pairs in (flow + right, below)]
+        return [[ElementMatrix(grid, parts, parts, grid.global_number, (self.held, self.held),
+                               groups, self.batches)]]
+
+    def _blocks(self):
+        grid, (flow, right, below) = self.grid, self._couplings
+        parts = [Part(grid.nodes, grid.dof)], [Part(grid.corners, 1)]
+        numbers = [lattice.dm.getLGMap().indices for lattice in (grid.nodes, grid.corners)]
+        held, first, found = np.split(self.held, [grid.n_flow]), 0, {}
+        for row, column, pairs in (0, 0, flow), (0, 1, right), (1, 0, below), (1, 1, []):
+            group = [Block(*(self._field(name, 0) for name in pair)) for pair in pairs]
+            found[row, column] = ElementMatrix(
+                grid, parts[row], parts[column], numbers[column], (held[row], held[column]),
+                [group] if group else [], self.batches, first)
+            first += found[row, column].entries
+        return [[found[row, column] for column in range(2)] for row in range(2)]
+
+    def create_matrix(self, kind="aij"):
+        """Return an empty parallel matrix with the places of the Jacobian. Collective.
+
+        ``kind`` is aij, or nest: blocks of the unknowns at nodes and of the pressures, which a
+        preconditioner by fields takes as they are.
+        """
+        matrices = [[part.create() for part in row] for row in self._element_matrices(kind)]
+        if kind == "aij":
+            return matrices[0][0]
+        sets = self.grid.part_sets()
+        nest = PETSc.Mat().createNest(matrices, sets, sets, comm=self.grid.comm)
+        nest.assemble()
+        return nest
 
     def create_pressure_mass(self):
         """Return an empty matrix for `pressure_mass`. Collective."""
+        grid = self.grid
+        if self._mass is None:
+            corners, pressure = [Part(grid.corners, 1)], Field(0, 0, grid.element_corners)
+            held = self.held[grid.n_flow:]
+            self._mass = ElementMatrix(
+                grid, corners, corners, grid.corners.dm.getLGMap().indices, (held, held),
+                [[Block(pressure, pressure)]], self.batches)
         return self._mass.create()
 
-    def jacobian(self, local, shift, increment, matrix):
+    def fluidity_defect(self, rows, increment):
+        """Return the residual of the fluidity equation at the nodes, (n_nodes,), gdot0. Collective.
+
+        The ``rows`` (n_owned,) are those of `residual`; each is divided by the integral of its test
+        function. Ghosts have the values of their owners.
+        """
+        grid, local = self.grid, np.zeros(self.grid.n_local)
+        local[grid.owned] = rows
+        local[self.held] = 0.0
+        mass = grid.sum_at_nodes(element.SHAPE.T @ increment.geometry.weight)
+        defect, owned = np.zeros((1, grid.nodes.size)), grid.nodes.owned
+        defect[0, owned] = grid.split(local)[1][owned] / mass[owned]
+        return grid.with_ghosts(defect)[0]
+
+    def jacobian(self, local, shift, increment, matrix, defect=None):
         """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective.
 
-        Rows and columns of prescribed unknowns are those of the identity.
+        Rows and columns of prescribed unknowns are those of the identity. With a ``defect``
+        (n_nodes,) as `fluidity_defect` gives it, dF/dmu is that of the `chord` over which F falls
+        by the defect.
         """
         local = np.where(self.held, increment.prescribed, local)
+        kind = "nest" if matrix.getType() == PETSc.Mat.Type.NEST else "aij"
+        parts = [(part, matrix.getNestSubMatrix(row, column) if kind == "nest" else matrix)
+                 for row, parts in enumerate(self._element_matrices(kind))
+                 for column, part in enumerate(parts)]
         with np.errstate(invalid="ignore", divide="ignore"):
-            self._jacobian.fill(matrix, lambda number, out: self._element_tangents(
-                local, shift, increment, number, out))
+            fill(parts, self.batches, lambda number, out: self._element_tangents(
+                local, shift, increment, number, out, defect))
+        matrix.assemble()
 
-    def _element_tangents(self, local, shift, increment, number, out):
+    def _element_tangents(self, local, shift, increment, number, out, defect=None):
         """The element matrices of a batch, block by block, (entries, n).
 
         With n = 2 D~/gdot~ and c = d(viscosity)/d(gdot~) gdot~, the stress changes by
@@ -488,6 +560,8 @@ class WeakForm:
         """
         p, rows = self.points(local, increment, number), self._rows
         viscosity, source, geometry = p.response.viscosity, p.response.source, p.geometry
+        if defect is not None:
+            source = p.chord_source(element.SHAPE @ defect[p.nodes])
         weight, inverse, n = geometry.weight, geometry.inverse, p.elements
 
         def put(row, column, table, factors):
@@ -538,19 +612,15 @@ class WeakForm:
     def _wall_tangents(self, p, side, here, law, out):
         """Replace the rows of the fluidity of wall nodes by those of g = g_loc."""
         wall, rule = WallPoints(self, p, side, here, law), element.SIDES[side]
-        weight, lag, viscosity = wall.weight, wall.lag, p.response.viscosity
+        weight, lag, mu = wall.weight, wall.lag, p.stress_ratio_slopes()
         turned = p.direction_pulled_back()[..., here]
 
         def at(values):
             return np.broadcast_to(values, p.gdot.shape)[:, here]
 
         # mu = viscosity gdot/P at the Gauss points; what it changes reaches the wall through it.
-        P, gdot = p.P[:, here], p.gdot[:, here]
         by_mu = np.einsum("qa,qe,qp->ape", wall.tests, weight * lag.rate, rule.from_gauss)
-        changes = {
-            "P": (at(viscosity.pressure) * gdot - p.response.stress_ratio[:, here]) / P,
-            "g": at(viscosity.fluidity) * gdot / P}
-        rate = (at(viscosity.value) + at(viscosity.rate) * gdot) / P
+        changes, rate = {"P": at(mu.pressure), "g": at(mu.fluidity)}, at(mu.rate)
         factors = {}
         for name, volume, shape, change in (
                 ("P", element.CORNER_SHAPE, rule.corner_shape, lag.pressure),
@@ -579,7 +649,7 @@ class WeakForm:
                       -p.geometry.weight / p.response.viscosity.value, out=out)
 
         with np.errstate(invalid="ignore", divide="ignore"):
-            self._mass.fill(matrix, masses)
+            fill([(self._mass, matrix)], self.batches, masses)
 
     def lumped_storage(self, shift, increment):
         """Return shift phi rho_s times the lumped mass of the owned velocities, (2 n_owned,).
@@ -650,6 +720,22 @@ class BatchPoints:
     def deviator(self):
         """Return sigma' = 2 viscosity D~, (3, points, n): 11, 22, 12."""
         return 2.0 * self.response.viscosity.value * np.array([self.d11, self.d22, self.d12])
+
+    def stress_ratio_slopes(self):
+        """Return the derivatives of mu = viscosity gdot~/P as a `Quantity`, its value included."""
+        viscosity, mu = self.response.viscosity, self.response.stress_ratio
+        return Quantity(mu, rate=(viscosity.value + viscosity.rate * self.gdot) / self.P,
+                        pressure=(viscosity.pressure * self.gdot - mu) / self.P,
+                        fluidity=viscosity.fluidity * self.gdot / self.P)
+
+    def chord_source(self, defect):
+        """Return F with the slope in mu of the chord over which F falls by ``defect``."""
+        response, mu = self.response, self.stress_ratio_slopes()
+        slope, source = response.source_slope, response.source
+        change = chord(slope, response.source_curvature, -defect) - slope
+        return Quantity(source.value, *(
+            getattr(source, name) + change * getattr(mu, name)
+            for name in ("rate", "pressure", "fluidity")))
 
     def direction_pulled_back(self):
         """Return sum_k n_ik d xi_r/d x_k with n = 2 D~/gdot~ (0 at rest), (2, 2, points, n)."""

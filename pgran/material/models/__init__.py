@@ -46,6 +46,9 @@ class Response:
         mu = tau/P, I of the plastic rate g mu, and g in gdot0.
     source : Quantity or None
         F of the fluidity equation in gdot0; None for a model without this equation.
+    source_slope, source_curvature : ndarray or float
+        First and second derivative of F with respect to mu, P and g held. Newton's method uses
+        them near a double root, see `pgran.space.chord`; without curvature it is as it stands.
     """
 
     viscosity: Quantity
@@ -53,6 +56,8 @@ class Response:
     inertial_number: np.ndarray
     fluidity: np.ndarray
     source: object = None
+    source_slope: object = 0.0
+    source_curvature: object = 0.0
 
 
 class Model(ABC):

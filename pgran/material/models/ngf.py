@@ -40,6 +40,8 @@ class NGF(Model):
             stress_ratio=mu,
             inertial_number=g * mu / s,
             fluidity=g,
+            source_slope=source.rate,
+            source_curvature=self.curvature(law, s, mu, P, g),
             # mu falls by theta mu total as P rises by one, and by mu total as g does.
             source=Quantity(
                 source.value,
@@ -73,6 +75,13 @@ class NGF(Model):
                         rate=slope * lag.value + stiffness * lag.rate,
                         pressure=stiffness * lag.pressure,
                         fluidity=stiffness)
+
+    def curvature(self, law, s, mu, P, g):
+        """Return the second derivative of F with respect to mu near mu_s, (points, n), gdot0.
+
+        2 (A^2 d^2/xi^2)' (g - g_loc)': what else there is vanishes at mu_s.
+        """
+        return 2.0 * law.inverse_length_squared(mu)[1] * self.lag(law, s, mu, P, g).rate
 
     def lag(self, law, s, mu, P, g):
         """Return g - g_loc and its derivatives at points, as `source` returns F.

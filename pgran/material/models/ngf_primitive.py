@@ -73,6 +73,10 @@ class NGFPrimitive(NGF):
         """t0 of the fluidity."""
         return {"fluidity": self.relaxation_time}
 
+    def curvature(self, law, s, mu, P, g):
+        """Return zero: F has no double root here."""
+        return 0.0
+
     def source(self, law, s, mu, P, g):
         """Return F and its derivatives at points, as `NGF.source`."""
         # The inverse length has a kink at mu_s and no slope there; K takes the one from above.
