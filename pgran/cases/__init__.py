@@ -87,7 +87,7 @@ class Case(ABC):
     rows = ()
     periodic = False, False
     moving = True
-    coarsest = 8.5
+    coarsest = 17.0
     base_gradient = np.zeros((2, 2))
     stress_unit = "stress"
     fluidity_source = None

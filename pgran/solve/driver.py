@@ -16,6 +16,7 @@ from .balance import Balance
 from .controller import StepController
 from .failure import described, name_of
 from .state import TimeStep, unmoved, velocity
+from .tolerances import Tolerances
 
 #: What a callback may raise on all ranks together.
 ERRORS = SolutionError, ParameterError, OptionError, Interrupted
@@ -126,6 +127,9 @@ class Driver:
         self._time = self._behind.get("ts_time", 0.0 if steady else state.time)
         self.balance = None if steady else self._balance()
         self.ts = self._create_ts()
+        self._tolerances = Tolerances(self.ts.getSNES(), 0.0 if self.steady else
+                                      parameters.tolerance_perturbation, parameters.tolerance_least)
+        self._perturbation = 0.0
 
     def _check_targets(self, targets):
         least = self.parameters.step_min
@@ -264,10 +268,22 @@ class Driver:
     def _ijacobian(self, ts, time, u, rate, shift, jacobian, preconditioner):
         with PETSc.Log.Stage("Jacobian"):
             local, increment = self.grid.to_local(u), self._increment(ts, time)
+            self._tolerances.next(ts.getSNES())
+            self._keep_coarse_grids(ts.getSNES())
             defect = self._fluidity_defect(local, rate, increment)
             self.form.jacobian(local, shift, increment, preconditioner, defect)
             if self.schur is not None:
                 self.schur.fill(local, shift, increment, preconditioner)
+
+    def _keep_coarse_grids(self, snes):
+        """Let a block keep its coarse grids where ``-snes_lag_preconditioner`` says so.
+
+        A matrix of blocks is its own preconditioner, and PETSc would make them anew.
+        """
+        lag = PETSc.Options().getInt("snes_lag_preconditioner", 1)
+        if self.matrix.getType() == PETSc.Mat.Type.NEST and lag > 1 and self.started:
+            for ksp in snes.getKSP().getPC().getFieldSplitSubKSP():
+                ksp.getPC().setReusePreconditioner(snes.getIterationNumber() % lag != 0)
 
     def _fluidity_defect(self, local, rate, increment):
         """What the chord of the fluidity equation takes into account, or None. Collective."""
@@ -344,6 +360,7 @@ class Driver:
                                      "it without making it smaller")
         self.grid.from_local(self.state.extrapolated(dt)[0], u)
         self._starting = True
+        self._tolerances.begin(snes, self._perturbation)
 
     def _post_step(self, ts):
         dt = ts.getTime() - self._time
@@ -353,7 +370,8 @@ class Driver:
         step.dt = dt  # as TS counts it, which differs by rounding
         stress = self.form.stress(local, step.increment)
         if not self.steady:
-            departure = step.departure(local, stress, self.parameters.step_perturbation)
+            departure, perturbation = step.departure(
+                local, stress, self.parameters.step_perturbation)
             smaller = self.controller.smaller(dt, departure)
             if smaller is not None:
                 self.rejected += 1
@@ -365,6 +383,7 @@ class Driver:
         end = step.end(local, stress)
         if not self.steady:
             self._check_mesh(end)
+            self._perturbation = perturbation
         self._creep = np.abs(stress - state.stress).max(initial=0.0) / (
             2.0 * self.form.material.G * dt)
         self.state, self._failure = end, None

@@ -350,4 +350,4 @@ class TimeStep:
             comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX) for part in
             (now - then, now, now - reference, stress - expected_stress))
         scale = max(apart, resolution * size)
-        return max(off / scale, stress_off / form.material.yield_stress)
+        return max(off / scale, stress_off / form.material.yield_stress), apart / size

@@ -220,9 +220,9 @@ class Grid:
         """Return the index sets of all unknowns at nodes and of the pressures. Collective."""
         n_flow = self.nodes.owned.size * self.dof
         start = self.comm.tompi4py().scan(self.n_owned) - self.n_owned
-        return [PETSc.IS().createGeneral(np.arange(first, last, dtype=PETSc.IntType),
-                                         comm=self.comm)
-                for first, last in ((start, start + n_flow), (start + n_flow, start + self.n_owned))]
+        bounds = start, start + n_flow, start + self.n_owned
+        return [PETSc.IS().createGeneral(np.arange(*ends, dtype=PETSc.IntType), comm=self.comm)
+                for ends in zip(bounds, bounds[1:])]
 
     def largest(self, values):
         """Return the entry of largest size among the ``values`` (n,) of all ranks. Collective."""

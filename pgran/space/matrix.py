@@ -1,13 +1,18 @@
-"""Parallel sparse matrices that are sums of element matrices, filled in place.
+"""Parallel sparse matrices that are sums of element matrices.
 
-The place of every entry has a closed form on the structured grid, so nothing is
-searched while a matrix is filled: the entries of a batch of elements are summed by
-`numpy.bincount` straight into the arrays in which PETSc keeps the values. petsc4py
-gives no access to those; `stored_values` is the one place that asks PETSc itself.
+`PlacedMatrix` fills them in place. The place of every entry has a closed form on the
+structured grid, so nothing is searched while a matrix is filled: the entries of a batch
+of elements are summed by `numpy.bincount` straight into the arrays in which PETSc keeps
+the values. petsc4py gives no access to those; `stored_values` is the one place that asks
+PETSc itself.
+
+`CoordinateMatrix` gives PETSc the coordinates of all entries once, and then their values.
+PETSc sums them, for any type of matrix, also on a GPU. It needs petsc4py 3.20 or later.
 """
 
 import ctypes
 import hashlib
+from abc import ABC, abstractmethod
 from contextlib import ExitStack, contextmanager
 from typing import NamedTuple
 
@@ -84,7 +89,7 @@ class Part(NamedTuple):
         return (self.lattice.owned[:, None] * self.dof + np.arange(self.dof)).ravel()
 
 
-class ElementMatrix:
+class ElementMatrix(ABC):
     """A matrix that is a sum of element matrices: where their entries go. Making it is collective.
 
     Parameters
@@ -92,8 +97,8 @@ class ElementMatrix:
     grid : pgran.space.grid.Grid
     rows, columns : list of Part
         Local numbers count through them.
-    numbers : ndarray, (n_local,)
-        Global numbers of the columns.
+    numbers : (ndarray, ndarray)
+        Global numbers of the local rows and of the local columns.
     held : (ndarray of bool, ndarray of bool)
         Rows and columns that are prescribed: they stay empty. In a square matrix (``rows`` is
         ``columns``) these rows are those of the identity.
@@ -103,15 +108,40 @@ class ElementMatrix:
         The elements, batch by batch.
     first : int
         The first of these blocks' entries among all entries of an element.
+
+    Attributes
+    ----------
+    entries : int
+        How many entries of an element go into this matrix.
     """
 
     def __init__(self, grid, rows, columns, numbers, held, groups, batches, first=0):
         self._grid, self._rows, self._columns = grid, rows, columns
         self._numbers, self._held, self._batches = numbers, held, batches
+        self._groups, self._first = groups, first
         self.entries = sum(len(block.row.points) * len(block.column.points)
                            for group in groups for block in group)
+
+    @property
+    def _square(self):
+        return self._rows is self._columns
+
+    @abstractmethod
+    def create(self):
+        """Return a new matrix of zeros, which belongs to the caller. Collective."""
+
+    @abstractmethod
+    def filling(self, matrix):
+        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
+
+
+class PlacedMatrix(ElementMatrix):
+    """An AIJ matrix whose values are summed where PETSc keeps them."""
+
+    def __init__(self, *arguments, **more):
+        super().__init__(*arguments, **more)
         self._made, where, lengths = self._first_matrix(self._sparsity())
-        self._lay_out(groups, first, self._sparsity(), where, lengths)
+        self._lay_out(self._sparsity(), where, lengths)
 
     def _sparsity(self):
         return Sparsity(self._grid, self._rows, self._columns)
@@ -121,11 +151,11 @@ class ElementMatrix:
         matrix = self._pattern(sparsity)
         with stored_values(matrix) as arrays:
             lengths = [array.size for array in arrays]
-        where = _places(matrix, sparsity, self._numbers)
+        where = _places(matrix, sparsity, self._numbers[1])
         matrix.zeroEntries()
         return matrix, where, lengths
 
-    def _lay_out(self, groups, first, sparsity, where, lengths):
+    def _lay_out(self, sparsity, where, lengths):
         starts = [np.cumsum([0] + [part.lattice.size * part.dof for part in parts])
                   for parts in (self._rows, self._columns)]
 
@@ -136,8 +166,8 @@ class ElementMatrix:
 
         self._sums, known = [], {}
         for batch in self._batches:
-            sums, begin = [], first * (batch.stop - batch.start)
-            for group in groups:
+            sums, begin = [], self._first * (batch.stop - batch.start)
+            for group in self._groups:
                 places = []
                 for block in group:
                     row, column = (field._replace(points=field.points[:, batch])
@@ -162,10 +192,6 @@ class ElementMatrix:
                 ones.append(where[place][held_at(0, field)[0]])
         self._ones = np.concatenate(ones)
 
-    @property
-    def _square(self):
-        return self._rows is self._columns
-
     def _pattern(self, sparsity):
         """A matrix with all entries of ``sparsity``, each holding its own number."""
         comm = self._grid.comm
@@ -177,7 +203,7 @@ class ElementMatrix:
         matrix.setSizes(((n_rows, None), (n_columns, None)))
         here = np.zeros(n_rows, dtype=PETSc.IntType)
         for rows, start, column in sparsity.chunks():
-            column = self._numbers[column]
+            column = self._numbers[1][column]
             here[rows] = np.add.reduceat(
                 (last - n_columns <= column) & (column < last), start[:-1], dtype=int)
         # A cell of two elements reaches a node from both sides, and counts it twice.
@@ -187,7 +213,7 @@ class ElementMatrix:
         above = ranks.scan(n_rows) - n_rows
         for rows, start, column in sparsity.chunks():
             matrix.setValuesIJV(
-                start.astype(PETSc.IntType), self._numbers[column].astype(PETSc.IntType),
+                start.astype(PETSc.IntType), self._numbers[1][column].astype(PETSc.IntType),
                 sparsity.start[rows.start] + np.arange(column.size, dtype=PETSc.ScalarType),
                 rowmap=np.arange(above + rows.start, above + rows.stop, dtype=PETSc.IntType))
         matrix.assemble()
@@ -215,6 +241,68 @@ class ElementMatrix:
             yield add
             arrays[0][self._ones] = 1.0
         matrix.assemble()
+
+
+class CoordinateMatrix(ElementMatrix):
+    """A matrix of any type of ``-mat_type``, whose entries PETSc sums by their coordinates."""
+
+    #: Whether petsc4py can do this.
+    possible = hasattr(PETSc.Mat, "setPreallocationCOO")
+
+    def create(self):
+        """Return a new matrix of zeros, which belongs to the caller. Collective."""
+        sizes = [(sum(part.owned.size for part in parts), None)
+                 for parts in (self._rows, self._columns)]
+        matrix = PETSc.Mat().create(comm=self._grid.comm)
+        matrix.setSizes(sizes)
+        matrix.setType(PETSc.Mat.Type.AIJ)
+        matrix.setFromOptions()
+        matrix.setPreallocationCOO(*self._coordinates())
+        matrix.zeroEntries()
+        return matrix
+
+    def _coordinates(self):
+        """Global rows and columns of all entries, (n,) each; negative for what is left out."""
+        known, starts = [], []
+        for parts, numbers, held in zip((self._rows, self._columns), self._numbers, self._held):
+            numbers = np.where(held, -1, numbers)
+            starts.append(np.cumsum([0] + [part.lattice.size * part.dof for part in parts]))
+            known.append(numbers)
+        owned = self._owned()
+        there = np.ones(known[0].size, dtype=bool)
+        there[owned] = False
+        known[0][there] = -1
+        found = [], []
+        for batch in self._batches:
+            for group in self._groups:
+                for block in group:
+                    row, column = (
+                        numbers[start[field.part] + field.points[:, batch] * parts[field.part].dof
+                                + field.number]
+                        for numbers, start, field, parts in zip(
+                            known, starts, block, (self._rows, self._columns)))
+                    for side, number in zip(found, np.broadcast_arrays(row[:, None], column[None])):
+                        side.append(number.ravel().astype(PETSc.IntType))
+        ones = self._numbers[0][owned[self._held[0][owned]]] if self._square else []
+        return [np.concatenate([*side, np.asarray(ones, dtype=PETSc.IntType)]) for side in found]
+
+    @contextmanager
+    def filling(self, matrix):
+        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
+        values = []
+
+        def add(number, out):
+            values.append(out[self._first:self._first + self.entries].ravel())
+
+        yield add
+        ones = np.count_nonzero(self._held[0][self._owned()]) if self._square else 0
+        matrix.setValuesCOO(np.concatenate([*values, np.ones(ones)]))
+        matrix.assemble()
+
+    def _owned(self):
+        """The local numbers of the owned rows, (n,)."""
+        sizes = np.cumsum([0] + [part.lattice.size * part.dof for part in self._rows])
+        return np.concatenate([first + part.owned for first, part in zip(sizes, self._rows)])
 
 
 def fill(parts, batches, evaluate):

@@ -27,7 +27,7 @@ from . import element
 from .chord import chord
 from .element import DIM, NODES, POINTS
 from .grid import Grid
-from .matrix import BatchSum, Block, ElementMatrix, Field, Part, fill
+from .matrix import BatchSum, Block, CoordinateMatrix, Field, Part, PlacedMatrix, fill
 
 BATCH = 512
 #: A nodal pressure below this share of the mean pressure of the elements around vanishes: what is
@@ -52,6 +52,9 @@ def discretise(parameters, comm):
     if model.needs_length and law.inverse_length_squared is None:
         raise ParameterError("model", parameters.model, f"@law {parameters.law} has no "
                              "cooperativity length; allowed is a local model such as li")
+    if parameters.assembly == "coordinates" and not CoordinateMatrix.possible:
+        raise ParameterError("assembly", parameters.assembly, "petsc4py can do it from 3.20 on; "
+                             "allowed here is places")
     case = cases.create(parameters)
     _check_size(parameters, case, comm)
     grid = Grid(comm, case.shape, case.periodic, fluidity=case.material.model.has_fluidity)
@@ -460,6 +463,11 @@ class WeakForm:
                                      for part in parts])
         self._mass = None
 
+    @property
+    def _matrix_class(self):
+        return {"places": PlacedMatrix, "coordinates": CoordinateMatrix}[
+            self.case.parameters.assembly]
+
     def _element_matrices(self, kind):
         """The element matrices of the Jacobian, [[...], ...]: one for all, or one for each block.
 
@@ -480,8 +488,9 @@ class WeakForm:
         parts = [Part(grid.nodes, grid.dof), Part(grid.corners, 1)]
         groups = [[Block(*(self._field(name, 1) for name in pair)) for pair in pairs]
                   for pairs in (flow + right, below)]
-        return [[ElementMatrix(grid, parts, parts, grid.global_number, (self.held, self.held),
-                               groups, self.batches)]]
+        return [[self._matrix_class(
+            grid, parts, parts, (grid.global_number, grid.global_number), (self.held, self.held),
+            groups, self.batches)]]
 
     def _blocks(self):
         grid, (flow, right, below) = self.grid, self._couplings
@@ -490,9 +499,9 @@ class WeakForm:
         held, first, found = np.split(self.held, [grid.n_flow]), 0, {}
         for row, column, pairs in (0, 0, flow), (0, 1, right), (1, 0, below), (1, 1, []):
             group = [Block(*(self._field(name, 0) for name in pair)) for pair in pairs]
-            found[row, column] = ElementMatrix(
-                grid, parts[row], parts[column], numbers[column], (held[row], held[column]),
-                [group] if group else [], self.batches, first)
+            found[row, column] = self._matrix_class(
+                grid, parts[row], parts[column], (numbers[row], numbers[column]),
+                (held[row], held[column]), [group] if group else [], self.batches, first)
             first += found[row, column].entries
         return [[found[row, column] for column in range(2)] for row in range(2)]
 
@@ -515,9 +524,9 @@ class WeakForm:
         grid = self.grid
         if self._mass is None:
             corners, pressure = [Part(grid.corners, 1)], Field(0, 0, grid.element_corners)
-            held = self.held[grid.n_flow:]
-            self._mass = ElementMatrix(
-                grid, corners, corners, grid.corners.dm.getLGMap().indices, (held, held),
+            held, numbers = self.held[grid.n_flow:], grid.corners.dm.getLGMap().indices
+            self._mass = self._matrix_class(
+                grid, corners, corners, (numbers, numbers), (held, held),
                 [[Block(pressure, pressure)]], self.batches)
         return self._mass.create()
 
