@@ -269,8 +269,8 @@ RUN = (
            "it as it is", "max|v - v0|/max|v|", low=0.0, changeable=True),
     positive("tolerance_least", 1e-3, "", "smallest share of -snes_atol that this comes to",
              changeable=True),
-    Option("chord", "bool", True, "", "Newton's method takes the chord of F in place of its tangent "
-           "near the double root of the fluidity equation", changeable=True),
+    Option("chord", "bool", True, "", "Newton's method takes the chord of F in place of its "
+           "tangent near the double root of the fluidity equation", changeable=True),
     Option("step_growth", "float", 1.5, "", "largest ratio of successive steps", low=1.0,
            open_low=True, changeable=True),
     positive("steady_time", 1e3, "1/gdot0", "steady flow, with -ts_type pseudo and in spectra "
@@ -278,8 +278,8 @@ RUN = (
              "that rests nearly rigid", "theta = 1/(G T)", changeable=True),
     positive("grain_diameter", None, "m", "d in SI units, for the scales in the result file"),
     positive("grain_density", None, "kg/m^3", "rho_s in SI units, for the scales"),
-    Option("assembly", "str", "places", "", "how matrices are filled: where PETSc keeps the values, or "
-           "through the coordinates of all entries, which holds for any -mat_type and needs "
+    Option("assembly", "str", "places", "", "how matrices are filled: where PETSc keeps the "
+           "values, or through the coordinates of all entries, which holds for any -mat_type and needs "
            "PETSc 3.20", choices=("places", "coordinates"), changeable=True),
     Option("progress", "str", "brief", "", "what the terminal shows: every step, some fifty lines "
            "a run, or only errors", choices=("steps", "brief", "quiet"), changeable=True),

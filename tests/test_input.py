@@ -247,7 +247,7 @@ RUNS = {
     **{name: ([f"-{name}"], f"-{name} 1: allowed is false: a step that fails is repeated smaller")
        for name in ("snes_error_if_not_converged", "ksp_error_if_not_converged",
                     "ts_error_if_step_fails")},
-    "dm_mat_type": (["-dm_mat_type", "nosuch"], "-dm_mat_type nosuch: allowed is aij"),
+    "dm_mat_type": (["-dm_mat_type", "nosuch"], "-dm_mat_type nosuch: allowed is aij or nest"),
     "pc_type": (["-pc_type", "nosuch"], "-pc_type nosuch: Unknown type"),
     "ksp_type": (["-ksp_type", "nosuch"], "-ksp_type nosuch: Unknown type"),
     "snes_type": (["-snes_type", "nosuch"], "-snes_type nosuch: Unknown type"),

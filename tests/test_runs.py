@@ -111,7 +111,7 @@ def test_terminal_says_what_is_solved_and_does_not_flood(biaxial):
 
 
 @pytest.mark.parametrize("file, more", [
-    ("direct.opts", SMALL), ("biaxial.opts", ("-ts_max_steps", 8, *SMALL, *EXACT)),
+    ("direct.opts", SMALL), ("biaxial.opts", ("-ts_max_steps", 24, *SMALL)),
     ("direct.opts", ("-pgran_model", "li", "-pgran_shear_modulus", 200, *SMALL)),
     ("direct.opts", ("-pgran_inertia", "true", "-pgran_law", "jop", *SMALL))],
     ids=["direct", "fieldsplit", "li", "inertia"])

@@ -14,8 +14,9 @@ from mpi4py import MPI
 from pgran.cases import Case, pressure, traction
 from pgran.material.models.ngf import NGF
 from pgran.options import positive
+from pgran.space.chord import chord
 from pgran.space.element import SHAPE
-from pgran.space.matrix import stored_values
+from pgran.space.matrix import CoordinateMatrix, stored_values
 from pgran.space.weakform import WeakForm
 
 COMM = MPI.COMM_WORLD
@@ -153,6 +154,50 @@ def test_matrices_belong_to_the_caller():
     second = form.create_matrix()
     form.jacobian(local, 0.0, step, second)
     assert second.norm() == pytest.approx(norm, rel=1e-14)
+
+
+WAYS = ["places", *(["coordinates"] if CoordinateMatrix.possible else [])]
+
+
+@pytest.mark.parametrize("assembly", WAYS)
+@pytest.mark.parametrize("kind", ["aij", "nest"])
+@pytest.mark.parametrize("case, more", [
+    *((case, {}) for case in SHAPES), ("periodic", {"cell_elements": 2 * max(1, COMM.size - 1)})],
+    ids=[*SHAPES, "two elements around"])
+def test_matrices_of_blocks_or_coordinates_are_the_same(case, more, kind, assembly):
+    asked = {"case": case, **SHAPES[case], **more}
+    form, other = discretised(**asked), discretised(**asked, assembly=assembly)
+    grid, (x, local) = form.grid, state(form, "flowing")
+    products = []
+    for this, how in (form, "aij"), (other, kind):
+        matrix, given, product = this.create_matrix(how), grid.create_vector(), grid.create_vector()
+        for _ in range(2):  # filled twice, it is not twice as large
+            this.jacobian(local, 3.0, at_rest(this, x, 0.2, 0.1), matrix)
+        grid.from_local(noise(grid, 5), given)
+        matrix.mult(given, product)
+        products.append(product.array.copy())
+    assert products[1] == pytest.approx(products[0], rel=1e-12, abs=1e-11)
+
+
+def test_a_chord_reaches_the_root_of_a_parabola_and_tends_to_the_tangent():
+    x = np.array([5.0, -3.0])
+    value, slope, curvature = (x - 1) * (x - 2), 2 * x - 3, np.full(2, 2.0)
+    assert chord(slope, curvature, -value) == pytest.approx(value / (x - [2.0, 1.0]))
+    assert chord(slope, curvature, np.full(2, -1e-9)) == pytest.approx(slope, rel=1e-9)
+    assert chord(np.array(-0.2), np.array(2.0), np.array(-1.0)) == pytest.approx(-0.1)
+    assert chord(slope, curvature, value) == pytest.approx(slope)  # no steeper than the tangent
+
+
+def test_the_defect_of_the_fluidity_equation_is_that_of_the_source():
+    form = discretised(**SHAPES["biaxial"])
+    grid, (x, local) = form.grid, state(form, "flowing")
+    step = at_rest(form, x, 0.2)
+    rows = form.residual(local, np.zeros_like(local), step)
+    defect = form.fluidity_defect(rows, step)
+    _, fluidity, _ = grid.split(form.forces(local, np.zeros_like(local), step))
+    owned = grid.nodes.owned
+    weight = grid.sum_at_nodes(SHAPE.T @ step.geometry.weight)
+    assert defect[owned] * weight[owned] == pytest.approx(fluidity[owned], abs=1e-13)
 
 
 def test_scalars_other_than_real_doubles_are_refused(monkeypatch):

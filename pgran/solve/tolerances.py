@@ -10,12 +10,10 @@ Newton's method can use.
 SHARE = 0.3
 #: Exponent of the last reduction of the residual in the next tolerance of a linear system.
 ORDER = 1.5
-#: A linear system is solved at least to this reduction of its residual.
-LOOSEST = 0.1
 
 
 class Tolerances:
-    """Sets the tolerances of SNES and of its KSP; those of the options are the loosest.
+    """Sets the tolerances of SNES and of its KSP. Those of the options are the loosest.
 
     Parameters
     ----------
@@ -45,8 +43,7 @@ class Tolerances:
         norm = snes.getFunctionNorm()
         if not self._whole or norm <= 0.0:
             return
-        wanted = self._linear if self._last is None else min(
-            self._linear, (norm / self._last)**ORDER)
+        wanted = 1.0 if self._last is None else (norm / self._last)**ORDER
         self._last = norm
-        wanted = min(max(wanted, SHARE * self._tolerance / norm), max(LOOSEST, self._linear))
-        snes.getKSP().setTolerances(rtol=wanted)
+        snes.getKSP().setTolerances(
+            rtol=min(self._linear, max(wanted, SHARE * self._tolerance / norm)))
