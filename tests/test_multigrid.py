@@ -26,7 +26,7 @@ def indices(level):
 def test_interpolation_is_exact_for_free_quadratics_and_keeps_prescribed_unknowns(names):
     form = discretised(width=6, height=12, element_size=0.5)
     fine = node_level(form, names)
-    assert fine.coarsenings == 2 and fine.depth == 2
+    assert fine.depth == 4
     for _ in range(2):
         coarse = fine.coarser()
         vectors = []
@@ -79,10 +79,34 @@ def test_interpolation_wraps_around_a_periodic_cell():
     assert wrapped > 10
 
 
-def test_odd_elements_end_the_coarsening_with_a_clear_error(tmp_path):
-    done = pgran(2, "biaxial.opts", tmp_path / "x.h5", "-pgran_element_size", 4,
-                 "-fieldsplit_0_pc_mg_levels", 4, check=False)
-    refused(done, "-pc_mg_levels: too many, as 5 x 15 elements cannot be halved")
+@pytest.mark.parametrize("shape", [(5, 7), (6, 11), (9, 12)])
+@pytest.mark.parametrize("case", ["biaxial", "periodic"])
+def test_odd_numbers_of_elements_are_joined_exactly_too(case, shape):
+    nx, ny = shape
+    if case == "biaxial":
+        form = discretised(width=nx, height=ny, element_size=1)
+    else:
+        form = discretised(case=case, cell_elements=nx, inertia="true")
+    fine = node_level(form, ["fluidity"])
+    while fine.coarsenings:
+        coarse, vectors = fine.coarser(), []
+        assert coarse.shape == tuple(-(-n // 2) for n in fine.shape)
+        for level in fine, coarse:
+            x, y = (at[index] / at[-1] for at, index in zip(level.at, indices(level)))
+            values = (np.ones_like(x) if case == "periodic"
+                      else 1.0 + x + 2.0 * y - x * y + x**2 * y**2)
+            vectors.append(level.vector())
+            vectors[-1].setArray(values)
+        found = fine.vector()
+        coarse.interpolation(fine).mult(vectors[1], found)
+        np.testing.assert_allclose(found.array, vectors[0].array, rtol=1e-12)
+        fine = coarse
+
+
+def test_more_grids_than_elements_allow_are_refused(tmp_path):
+    done = pgran(2, "biaxial.opts", tmp_path / "x.h5", "-pgran_element_size", 8,
+                 "-fieldsplit_0_pc_mg_levels", 6, check=False)
+    refused(done, "-pc_mg_levels: too many, as one element cannot be joined with others")
 
 
 @pytest.fixture(scope="module")

@@ -1,20 +1,21 @@
 r"""A Newton iteration and its assembly beside compiled code, in one run on the same ranks.
 
     mpiexec -n 2 python jobs/bench/compiled.py -options_file options/biaxial.opts \
-        -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 [-dt 1e-3]
+        -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 [-dt 1e-3] [-json]
 
 The compiled code is the same weak form written in UFL, compiled by FFCx and assembled by
 dolfinx 0.5 (Debian's python3-dolfinx-real), with a fresh MUMPS factorisation and one
 solution each Newton iteration. Prints microseconds an element on this number of ranks,
-seconds a Newton iteration, and their ratios.
+seconds a Newton iteration, and their ratios. With ``-json`` it is one JSON object.
 """
 
+import json
 import sys
 import time
 
 import numpy as np
 
-from pgran.cli import start
+from pgran.cli import JSON, start
 from pgran.studies.one_step import ROWS
 
 
@@ -103,13 +104,14 @@ def compiled(case, ranks):
 
 def ours(parameters, comm, path, number):
     """Return the case, and seconds of pgran's Jacobian and residual at a state."""
+    from pgran.solve.driver import matrix_type
     from pgran.space.weakform import discretise
     from pgran.studies.transfer import interpolated
 
     form = discretise(parameters, comm)
     state = interpolated(form, path, number)
     increment = form.increment(state.x, state.stress, 0.5, state.time)
-    matrix, vector = form.create_matrix(), form.grid.create_vector()
+    matrix, vector = form.create_matrix(matrix_type()), form.grid.create_vector()
     form.grid.from_local(state.local, vector)
     zero = np.zeros(form.grid.n_local)
     ranks = comm.tompi4py()
@@ -129,8 +131,14 @@ def action(parameters, asked, comm):
     newton = sum(row["seconds"] for row in rows) / len(rows)
     if comm.rank:
         return
-    elements = np.prod(case.shape)
+    elements = int(np.prod(case.shape))
     each = 1e6 / elements
+    iterations = [row["iterations"] for row in rows]
+    if asked.json:
+        print(json.dumps({"jacobian": mine[0] / theirs[0], "residual": mine[1] / theirs[1],
+                          "newton": newton / sum(theirs), "iterations": iterations,
+                          "compiled": theirs[0] + theirs[2]}))
+        return
     print(f"element size {parameters.element_size:g} d, {elements} elements, {comm.size} ranks")
     print(f"{'':34}{'compiled':>10}{'pgran':>10}{'ratio':>8}")
     lines = [("Jacobian, us an element", theirs[0] * each, mine[0] * each),
@@ -138,9 +146,9 @@ def action(parameters, asked, comm):
              ("Newton iteration, s", sum(theirs), newton)]
     for name, a, b in lines:
         print(f"{name:34}{a:10.3f}{b:10.3f}{b / a:8.2f}")
-    print(f"{len(rows)} Newton iterations with {[row['iterations'] for row in rows]} linear ones; "
+    print(f"{len(rows)} Newton iterations with {iterations} linear ones; "
           f"MUMPS alone: {theirs[2]:.3f} s")
 
 
 if __name__ == "__main__":
-    sys.exit(start(sys.argv, action, __doc__, ROWS))
+    sys.exit(start(sys.argv, action, __doc__, (*ROWS, JSON)))

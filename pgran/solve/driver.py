@@ -22,6 +22,17 @@ from .tolerances import Tolerances
 ERRORS = SolutionError, ParameterError, OptionError, Interrupted
 
 
+def matrix_type():
+    """Return which matrix ``-dm_mat_type`` asks for, aij or nest.
+
+    Raises `pgran.options.ParameterError` for another one.
+    """
+    kind = PETSc.Options().getString("dm_mat_type", PETSc.Mat.Type.AIJ)
+    if kind not in (PETSc.Mat.Type.AIJ, PETSc.Mat.Type.NEST):
+        raise ParameterError("dm_mat_type", kind, "allowed is aij or nest", prefix="")
+    return kind
+
+
 class Flow:
     """An accepted step as a case observes it, see `pgran.cases.Case.observe`.
 
@@ -129,7 +140,7 @@ class Driver:
         self.ts = self._create_ts()
         self._tolerances = Tolerances(self.ts.getSNES(), 0.0 if self.steady else
                                       parameters.tolerance_perturbation, parameters.tolerance_least)
-        self._perturbation = 0.0
+        self._perturbation = self._behind.get("perturbation", 0.0)
 
     def _check_targets(self, targets):
         least = self.parameters.step_min
@@ -151,7 +162,7 @@ class Driver:
 
     def _create_ts(self):
         form = self.form
-        self.matrix = form.create_matrix(self._matrix_type())
+        self.matrix = form.create_matrix(matrix_type())
         self._residual_vector = self.grid.create_vector()
         self.schur = None
         ts = PETSc.TS().create(comm=self.grid.comm)
@@ -177,13 +188,6 @@ class Driver:
         self.schur = multigrid.configure(ts.getSNES().getKSP(), form)
         return ts
 
-    @staticmethod
-    def _matrix_type():
-        kind = PETSc.Options().getString("dm_mat_type", PETSc.Mat.Type.AIJ)
-        if kind not in (PETSc.Mat.Type.AIJ, PETSc.Mat.Type.NEST):
-            raise ParameterError("dm_mat_type", kind, "allowed is aij or nest", prefix="")
-        return kind
-
     def _check_options(self, ts):
         """Refuse options of PETSc with which a run would never end, or not as it should."""
         def check(name, value, good, allowed):
@@ -203,6 +207,10 @@ class Driver:
                      "ts_error_if_step_fails"):
             check(name, 1, not database.getBool(name, False),
                   "false: a step that fails is repeated smaller")
+        solver = ts.getSNES().getKSP().getPC().getType()
+        if matrix_type() == PETSc.Mat.Type.NEST and solver != PETSc.PC.Type.FIELDSPLIT:
+            raise ParameterError("dm_mat_type", "nest", f"not with -pc_type {solver}; allowed with "
+                                 "fieldsplit", prefix="")
         share = database.getReal("ts_adapt_scale_solve_failed", 0.25)
         check("ts_adapt_scale_solve_failed", share, 0.0 < share < 1.0, "a number > 0 and < 1: a "
               "step that fails is repeated smaller")
@@ -463,7 +471,8 @@ class Driver:
     def values(self):
         """Return the numbers of a checkpoint: what a `Driver` needs as ``behind``. Collective."""
         return {**self.cost(), **self.balance.values(), **self.state.values(self.grid),
-                "ts_time": self._time, "wanted": self.controller.wanted or self._first_step}
+                "ts_time": self._time, "wanted": self.controller.wanted or self._first_step,
+                "perturbation": self._perturbation}
 
     def fields(self):
         """Return the nodal fields of the last state, {name: (..., n_nodes)}, for `Writer.snapshot`.

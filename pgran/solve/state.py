@@ -339,7 +339,8 @@ class TimeStep:
 
         It is the larger of max|v - v*|/max|v - v0| and max|sigma' - sigma'*|/(mu_s P0), where v*
         and sigma'* are extrapolated and v0 is the reference flow. So a growing perturbation counts
-        by its own size, once this exceeds ``resolution`` times max|v|. Collective.
+        by its own size, once this exceeds ``resolution`` times max|v|. This size over that of the
+        flow, max|v - v0|/max|v|, is returned too. Collective.
         """
         form, owned = self.form, self.form.grid.nodes.owned
         x, comm = self.increment.x, form.grid.comm.tompi4py()
@@ -350,4 +351,5 @@ class TimeStep:
             comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX) for part in
             (now - then, now, now - reference, stress - expected_stress))
         scale = max(apart, resolution * size)
-        return max(off / scale, stress_off / form.material.yield_stress), apart / size
+        return (max(off / scale, stress_off / form.material.yield_stress),
+                apart / size if size else 0.0)

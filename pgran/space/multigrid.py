@@ -7,9 +7,9 @@ preconditioner::
     -pc_type fieldsplit -pc_fieldsplit_0_fields 0,1 -pc_fieldsplit_1_fields 2
     -fieldsplit_0_pc_type mg
 
-Multigrid halves the elements in both directions; the interpolation is that of the
-Q2 elements themselves, whose spaces are nested, and coarse operators are Galerkin
-products.
+Multigrid joins elements in pairs, in both directions; of an odd number the last one stays as it
+is. The interpolation is that of the Q2 elements themselves, whose spaces are nested, and coarse
+operators are Galerkin products.
 """
 
 import numpy as np
@@ -17,11 +17,9 @@ from petsc4py import PETSc
 
 from ..options import ParameterError
 from ..versions import set_schur_matrix
-from .element import Geometry, quadratic
+from .element import Geometry
 from .schur import PressureSchur
 
-#: Weights of the three nodes of a coarse element at the five nodes of its two halves.
-HALVES = quadratic(np.linspace(-1.0, 1.0, 5))[0]
 
 
 def field_shell(form):
@@ -46,14 +44,14 @@ def node_level(form, names):
     held = np.array(sum((held[name] for name in names), []))[:, grid.nodes.owned]
     starts = [np.concatenate([[0], np.cumsum(part)])
               for part in grid.nodes.dm.getOwnershipRanges()]
-    level = NodeLevel(grid.comm, grid.shape, grid.periodic, starts, len(held), held.T.ravel())
+    at = [np.arange(2 * n + 1.0) for n in grid.shape]
+    level = NodeLevel(grid.comm, at, grid.periodic, starts, len(held), held.T.ravel())
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
     area, = grid.comm.tompi4py().allreduce(form.integrals(
         np.empty((0, grid.nodes.size)), Geometry(x[:, grid.element_nodes])))
     coarsest = form.case.coarsest * form.material.model.length
-    level.depth = max(1, min(level.coarsenings,
-                             int(np.log2(coarsest * np.sqrt(np.prod(grid.shape) / area)))))
-    level.single = level.coarsenings == 0
+    level.depth = min(level.coarsenings, max(1, int(np.log2(
+        coarsest * np.sqrt(np.prod(grid.shape) / area)))))
     return level
 
 
@@ -80,8 +78,8 @@ class NodeLevel:
     Parameters
     ----------
     comm : PETSc.Comm
-    shape : tuple of int
-        Elements along x1 and x2.
+    at : tuple of ndarray
+        Where the nodes are along x1 and x2, in any unit; a periodic grid ends with its first node.
     periodic : tuple of bool
     starts : list of ndarray
         First node index of each part of the ranks, and the end, in x1 and x2.
@@ -89,22 +87,23 @@ class NodeLevel:
         Unknowns of a node.
     held : ndarray of bool, (n_owned,)
         Which unknowns are prescribed, node by node.
+    kept : tuple of ndarray, optional
+        The nodes of the finer level that this one has, along x1 and x2, as ``at`` has them.
 
     Attributes
     ----------
+    shape : tuple of int
+        Elements along x1 and x2.
     depth : int
         How many coarser levels are worth having.
-    single : bool
-        Whether the grid is odd; its one coarser level is then the grid itself.
-    ratio : int
-        Nodes of the finer level to one of this level, in one direction.
     """
 
-    depth, single, ratio = 0, False, 1
+    depth = 0
 
-    def __init__(self, comm, shape, periodic, starts, dof, held):
-        self.comm, self.shape, self.periodic, self.starts = comm, shape, periodic, starts
-        self.dof, self.held = dof, held
+    def __init__(self, comm, at, periodic, starts, dof, held, kept=None):
+        self.comm, self.at, self.periodic, self.starts = comm, at, periodic, starts
+        self.dof, self.held, self.kept = dof, held, kept
+        self.shape = tuple(len(x) // 2 for x in at)
         part = comm.rank % (len(starts[0]) - 1), comm.rank // (len(starts[0]) - 1)
         self.range = [(start[k], start[k + 1]) for start, k in zip(starts, part)]
         counts = np.outer(np.diff(starts[1]), np.diff(starts[0])).ravel()
@@ -112,27 +111,24 @@ class NodeLevel:
 
     @property
     def coarsenings(self):
-        """How often the elements can be halved in both directions."""
-        return min((n & -n).bit_length() - 1 for n in self.shape)
+        """How often elements can be joined, until one is left."""
+        return (max(self.shape) - 1).bit_length()
 
     def coarser(self):
-        """Return the `NodeLevel` of elements twice as large. Collective.
+        """Return the `NodeLevel` of elements joined in pairs. Collective.
 
-        Raises `ParameterError` if the numbers of elements are odd.
+        Raises `ParameterError` if there is only one element.
         """
-        if self.single:
-            return NodeLevel(self.comm, self.shape, self.periodic, self.starts, self.dof,
-                             self.held)
         if not self.coarsenings:
-            raise ParameterError("pc_mg_levels", None, "too many, as {} x {} elements cannot be "
-                                 "halved".format(*self.shape), prefix="")
-        even = np.ix_(*(np.arange(*span) % 2 == 0 for span in reversed(self.range)))
+            raise ParameterError("pc_mg_levels", None, "too many, as one element cannot be joined "
+                                 "with others", prefix="")
+        kept = [_joined_nodes(n) for n in self.shape]
+        mine = np.ix_(*(np.isin(np.arange(*span), nodes)
+                        for span, nodes in zip(reversed(self.range), reversed(kept))))
         held = self.held.reshape([np.diff(span)[0] for span in reversed(self.range)] + [self.dof])
-        coarse = NodeLevel(self.comm, tuple(n // 2 for n in self.shape), self.periodic,
-                           [(start + 1) // 2 for start in self.starts], self.dof,
-                           held[even].ravel())
-        coarse.ratio = 2
-        return coarse
+        return NodeLevel(self.comm, [x[nodes] for x, nodes in zip(self.at, kept)], self.periodic,
+                         [np.searchsorted(nodes, start) for nodes, start in zip(kept, self.starts)],
+                         self.dof, held[mine].ravel(), kept)
 
     def number(self, i, j):
         """Return the place of nodes among those of all ranks; ``i``, ``j`` global indices."""
@@ -148,7 +144,8 @@ class NodeLevel:
 
         Q2 interpolation between free unknowns, the identity between prescribed ones.
         """
-        (i, across), (j, up) = (self._along(axis, fine.range[axis]) for axis in range(2))
+        (i, across), (j, up) = (
+            self._along(axis, fine.range[axis], fine.at[axis]) for axis in range(2))
         dof, n = self.dof, fine.held.size // self.dof
         weight = (up[:, None, :, None] * across[None, :, None, :]).reshape(n, -1)
         node = self.number(i[None, :, None, :], j[:, None, :, None]).reshape(n, -1)
@@ -162,23 +159,30 @@ class NodeLevel:
         matrix.diagonalScale(None, self._free())
         (i0, i1), (j0, j1) = self.range
         j, i = (index.ravel() for index in np.mgrid[j0:j1, i0:i1])
-        rows, columns = ((level.number(k * i, k * j)[:, None] * dof + np.arange(dof)).ravel()[
-            self.held].astype(PETSc.IntType) for level, k in ((fine, self.ratio), (self, 1)))
+        rows, columns = ((level.number(*nodes)[:, None] * dof + np.arange(dof)).ravel()[
+            self.held].astype(PETSc.IntType) for level, nodes in (
+                (fine, (self.kept[0][i], self.kept[1][j])), (self, (i, j))))
         matrix.setValuesIJV(np.arange(rows.size + 1, dtype=PETSc.IntType), columns,
                             np.ones(rows.size), rowmap=rows)
         matrix.assemble()
         return matrix
 
-    def _along(self, axis, span):
-        """Nodes of this level (n, m) and their weights (n, m) at fine nodes in one direction."""
+    def _along(self, axis, span, finer):
+        """Nodes of this level (n, 3) and their weights (n, 3) at fine nodes in one direction.
+
+        The fine nodes are those of a ``span``, and ``finer`` says where all of them are.
+        """
+        kept, x = self.kept[axis], self.at[axis]
         fine = np.arange(*span)
-        if self.ratio == 1:
-            return fine[:, None], np.ones((fine.size, 1))
-        element = np.minimum(fine // 4, self.shape[axis] - 1)
+        element = np.searchsorted(kept[2:-1:2], fine)
         node = 2 * element[:, None] + np.arange(3)
+        weight = _lagrange(x[node], finer[fine])
         if self.periodic[axis]:
             node %= 2 * self.shape[axis]
-        return node, HALVES[fine - 4 * element]
+            if self.shape[axis] == 1:  # both ends of the element are one node
+                weight[:, 0] += weight[:, 2]
+                weight[:, 2] = 0.0
+        return node, weight
 
     def _free(self):
         vector = self.vector()
@@ -188,6 +192,20 @@ class NodeLevel:
     def vector(self):
         """Return an empty vector of this level's unknowns. Collective."""
         return PETSc.Vec().createMPI((self.held.size, None), bsize=self.dof, comm=self.comm)
+
+
+def _joined_nodes(n):
+    """The nodes of ``n`` elements that are left when they are joined in pairs."""
+    pairs = np.arange(0, 4 * (n // 2) + 1, 2)
+    return np.concatenate([pairs, pairs[-1] + [1, 2]]) if n % 2 else pairs
+
+
+def _lagrange(nodes, x):
+    """The weights (n, 3) at ``x`` (n,) of the quadratic through values at ``nodes`` (n, 3)."""
+    a, b, c = nodes.T
+    return np.array([(x - b) * (x - c) / ((a - b) * (a - c)),
+                     (x - a) * (x - c) / ((b - a) * (b - c)),
+                     (x - a) * (x - b) / ((c - a) * (c - b))]).T
 
 
 def _shell(comm, sets, vector, level):

@@ -6,6 +6,7 @@
     bench flows [element sizes: "1 0.5 0.25"] [ranks: "1 2"]
     bench size [element sizes: "2 1 0.5"] [ranks: "1 2 3 4"] [sizes of MUMPS: the same]
     bench weak [ranks: "1 2 4"]
+    bench guard
 
 `answer` takes the main job to 10 % compression on two ranks, beside a run with tight tolerances.
 `iterations` counts outer iterations to 1e-6 on the right-hand sides that Newton gives, in one step
@@ -14,7 +15,8 @@ them for the first system of steps of many sizes, with inertia and without. `flo
 the flows on fixed meshes, on the way to the steady flow, and in ten steps in time. `size` takes the
 seconds of a Newton iteration and the peak memory in a step from the state at 10 %, by multigrid and
 by MUMPS, with exponents over the sizes. `weak` makes thirty steps from rest with 4800 elements a
-rank. Tables go to results/bench; nothing else should run meanwhile.
+rank. `guard` gives one page of ratios that do not depend on the machine, in a few minutes. Tables
+go to results/bench; nothing else should run meanwhile.
 """
 
 import json
@@ -52,8 +54,8 @@ KINDS = {"steady": (), "in time": TEN, "with inertia": (*TEN, "-pgran_inertia", 
 TIGHT = ("-pgran_step_error", 0.01, "-snes_atol", 1e-7, "-ksp_rtol", 1e-4,
          "-snes_lag_preconditioner", 1)
 FRESH = "-ksp_rtol", 1e-6, "-snes_lag_preconditioner", 1
-MUMPS = ("-ksp_type", "preonly", "-pc_type", "lu", "-pc_factor_mat_solver_type", "mumps",
-         "-snes_lag_preconditioner", 1)
+MUMPS = ("-dm_mat_type", "aij", "-ksp_type", "preonly", "-pc_type", "lu",
+         "-pc_factor_mat_solver_type", "mumps", "-snes_lag_preconditioner", 1)
 #: Seconds that the main job may take, by element size.
 TARGETS = {2.0: 20, 1.0: 90, 0.5: 360, 0.25: 1800}
 #: Width and height, d, that give each rank 4800 elements of 1 d.
@@ -63,10 +65,14 @@ SHAPES = {1: (40, 120), 2: (40, 240), 4: (80, 240), 8: (80, 480), 16: (160, 480)
 LIMIT = 1800
 
 
-def step(ranks, name, *options):
-    """Return what one step from the states costs, as `pgran.studies.one_step` says."""
-    states = BENCH / "states.h5"
-    launch.run(states, FILE, "-pgran_snapshots", STATES, *launch.QUIET)
+def step(ranks, name, *options, states=None):
+    """Return what one step from the states costs, as `pgran.studies.one_step` says.
+
+    ``states`` is the file that has them; without it, it is made.
+    """
+    if states is None:
+        states = BENCH / "states.h5"
+        launch.run(states, FILE, "-pgran_snapshots", STATES, *launch.QUIET)
     made = launch.python(ranks, "-m", "pgran.studies.one_step", "-options_file", FILE,
                          *launch.QUIET, *options, "-from", states, "-name", name,
                          stdout=subprocess.PIPE, text=True, timeout=LIMIT)
@@ -234,8 +240,41 @@ def weak(ranks="1 2 4", *, options=()):
                   took["seconds"] / newton, took["memory"] / took["ranks"])
 
 
+def guard(*, options=()):
+    """One page of ratios: assembly and solution to compiled code, iterations, bytes an unknown."""
+    table = Table(BENCH / "guard.csv", {"what": "", "value": ".2f"})
+    states = BENCH / "guard.h5"
+    states.unlink(missing_ok=True)  # what it took is to be measured
+    took = launch.run(states, FILE, "-pgran_snapshots", STATES, *launch.QUIET, *options, ranks=2)
+    steps, newton = took["steps"], took["newton_iterations"]
+    table.row("steps", steps)
+    table.row("steps repeated", took["steps_repeated"])
+    table.row("Newton iterations a step", newton / steps)
+    table.row("linear iterations a Newton iteration", took["linear_iterations"] / newton)
+
+    def made(size, *more):
+        return step(2, "guard", *options, "-pgran_element_size", size, "-snapshot", AFTER, "-dt",
+                    2e-4, *more, states=states)
+
+    small, large = made(2), made(1)
+    table.row("outer iterations to 1e-6 at d", np.mean([
+        row["iterations"] for row in made(1, *FRESH)["newton"]]))
+    table.row("bytes an unknown", 2**20 * (large["memory_sum"] - small["memory_sum"])
+              / (large["unknowns"] - small["unknowns"]))
+    answer = launch.python(1, "jobs/bench/compiled.py", "-options_file", FILE, *launch.QUIET,
+                         *options, "-pgran_element_size", 1, "-from", states,
+                         "-snapshot", AFTER, "-dt", 2e-4, "-json", check=False,
+                         stdout=subprocess.PIPE, text=True, timeout=LIMIT)
+    found = json.loads(answer.stdout) if answer.returncode == 0 else {}  # without dolfinx: dashes
+    for name, what in (("jacobian", "Jacobian"), ("residual", "residual"),
+                       ("newton", "Newton iteration")):
+        table.row(f"{what} to compiled code, d, one rank", found.get(name))
+    job = took["seconds"] / found["compiled"] if found else None
+    table.row("job at 2 d on two ranks to one compiled Jacobian and MUMPS at d", job)
+
+
 BENCHES = {"answer": answer, "iterations": iterations, "inertia": inertia, "flows": flows,
-           "size": size, "weak": weak}
+           "size": size, "weak": weak, "guard": guard}
 
 
 def main(bench, *lists, options=()):
