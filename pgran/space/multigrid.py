@@ -21,7 +21,6 @@ from .element import Geometry
 from .schur import PressureSchur
 
 
-
 def field_shell(form):
     """Return a DM that knows the fields by name and the coarser grids of a block. Collective.
 
