@@ -12,7 +12,7 @@ from conftest import ROOT, discretised, pgran, refused, run_ranks
 from mpi4py import MPI
 
 from pgran.solve.state import rest
-from pgran.space.multigrid import node_level
+from pgran.space.multigrid import MOST_COARSE, node_level
 from pgran.space.schur import INERTIAL, PressureSchur
 
 
@@ -101,6 +101,16 @@ def test_odd_numbers_of_elements_are_joined_exactly_too(case, shape):
         coarse.interpolation(fine).mult(vectors[1], found)
         np.testing.assert_allclose(found.array, vectors[0].array, rtol=1e-12)
         fine = coarse
+
+
+@pytest.mark.parametrize("width, depth", [(40, 1), (80, 1), (160, 2), (320, 3), (640, 4)])
+def test_the_coarsest_grid_does_not_grow_with_the_specimen(width, depth):
+    form = discretised(width=width, height=3 * width, element_size=4)
+    level = node_level(form, ["velocity", "fluidity"])
+    assert level.depth == depth
+    for _ in range(depth):
+        level = level.coarser()
+    assert np.prod(level.shape) <= MOST_COARSE
 
 
 def test_more_grids_than_elements_allow_are_refused(tmp_path):

@@ -21,6 +21,10 @@ from .element import Geometry
 from .schur import PressureSchur
 
 
+#: The coarsest grid has at most so many elements, as every rank may have to factorise its matrix.
+MOST_COARSE = 300
+
+
 def field_shell(form):
     """Return a DM that knows the fields by name and the coarser grids of a block. Collective.
 
@@ -49,8 +53,9 @@ def node_level(form, names):
     area, = grid.comm.tompi4py().allreduce(form.integrals(
         np.empty((0, grid.nodes.size)), Geometry(x[:, grid.element_nodes])))
     coarsest = form.case.coarsest * form.material.model.length
-    level.depth = min(level.coarsenings, max(1, int(np.log2(
-        coarsest * np.sqrt(np.prod(grid.shape) / area)))))
+    elements = np.prod(grid.shape)
+    wanted = max(coarsest * np.sqrt(elements / area), np.sqrt(4.0 * elements / MOST_COARSE) - 1e-9)
+    level.depth = min(level.coarsenings, max(1, int(np.log2(wanted))))
     return level
 
 
