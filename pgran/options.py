@@ -263,7 +263,7 @@ RUN = (
     positive("step_max", 0.01, "1/gdot0", "largest time step", changeable=True),
     positive("step_min", 1e-8, "1/gdot0", "smallest time step; the run stops with an error below "
              "it", changeable=True),
-    Option("tolerance_perturbation", "float", 1.0, "", "departure from the reference flow, over "
+    Option("tolerance_perturbation", "float", 0.0, "", "departure from the reference flow, over "
            "its size, from which on -snes_atol holds; below it the tolerance of Newton's method is "
            "smaller in proportion, so that what it leaves stays small against what grows; 0 leaves "
            "it as it is", "max|v - v0|/max|v|", low=0.0, changeable=True),

@@ -138,7 +138,7 @@ def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
                          "-snes_lag_preconditioner", 1)
         newton = json.loads(done.stdout)["newton"]
         most[size, ranks] = max(row["iterations"] for row in newton)
-    assert max(most.values()) <= 18  # 13 to 16 are measured (docs/performance.md)
+    assert max(most.values()) <= 28  # 21 to 26 are measured (docs/performance.md)
     assert max(most.values()) <= 1.3 * min(most.values()), most
 
 
@@ -149,9 +149,9 @@ def test_iterations_do_not_grow_with_inertia_at_any_step(states, snapshot, steps
         done = run_ranks(ranks, "-m", "pgran.studies.systems", "-options_file",
                          ROOT / "options" / "biaxial.opts", "-from", states, "-snapshot", snapshot,
                          "-pgran_element_size", size, "-pgran_inertia", "true", "-dt", steps,
-                         "-ksp_rtol", 1e-6)
+                         "-ksp_rtol", 1e-6, "-ksp_max_it", 60)
         counts = json.loads(done.stdout)
-        assert max(counts) <= 20, (size, ranks, counts)  # 9 to 18 (docs/performance.md)
+        assert max(counts) <= 31, (size, ranks, counts)  # 13 to 29 (docs/performance.md)
 
 
 @pytest.mark.parametrize("case, more", [

@@ -19,6 +19,7 @@ flux where it is held. Options choose this preconditioner, and how each part is 
 Without inertia there is no L. Any other PC in place of this one sees M and not L.
 """
 
+import numpy as np
 from petsc4py import PETSc
 
 #: The name under which PETSc keeps -L with -M.
@@ -40,8 +41,15 @@ class PressureSchur:
 
     def __init__(self, form):
         self._form, self.viscous = form, form.create_pressure_mass()
-        sets = form.grid.field_sets()
+        grid, sets = form.grid, form.grid.field_sets()
         self._velocity, self._pressure = sets["velocity"], sets["pressure"]
+        # The same in a Jacobian of blocks: numbers within the block of the nodes, or the corners.
+        self._inner = []
+        for part, field in zip(grid.part_sets(), (self._velocity, self._pressure)):
+            above = grid.comm.tompi4py().scan(part.getLocalSize()) - part.getLocalSize()
+            numbers = above + np.searchsorted(part.indices, field.indices)
+            self._inner.append(
+                PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=grid.comm))
 
     def fill(self, local, shift, increment, jacobian):
         """Fill them for the unknowns ``local`` (n_local,) and the ``jacobian`` there.
@@ -55,14 +63,24 @@ class PressureSchur:
 
     def _laplacian(self, storage, jacobian):
         """-L, with the rows of prescribed pressures from the Jacobian: those of the identity."""
-        gradient = jacobian.createSubMatrix(self._pressure, self._velocity).transpose()
+        divergence, pressure = self._parts(jacobian)
+        gradient = divergence.transpose()
         scale = gradient.createVecLeft()
         scale.setArray(storage**-0.5)
         gradient.diagonalScale(scale)
         laplacian = gradient.transposeMatMult(gradient)
         laplacian.scale(-1.0)
-        laplacian.axpy(1.0, jacobian.createSubMatrix(self._pressure, self._pressure))
+        laplacian.axpy(1.0, pressure)
         return laplacian
+
+    def _parts(self, jacobian):
+        """The rows of the pressures in the Jacobian: columns of velocities, and of pressures."""
+        if jacobian.getType() == PETSc.Mat.Type.NEST:
+            velocity, pressure = self._inner
+            return (jacobian.getNestSubMatrix(1, 0).createSubMatrix(pressure, velocity),
+                    jacobian.getNestSubMatrix(1, 1))
+        return (jacobian.createSubMatrix(self._pressure, columns)
+                for columns in (self._velocity, self._pressure))
 
 
 class BothEnds:
