@@ -209,8 +209,8 @@ class Driver:
                   "false: a step that fails is repeated smaller")
         solver = ts.getSNES().getKSP().getPC().getType()
         if matrix_type() == PETSc.Mat.Type.NEST and solver != PETSc.PC.Type.FIELDSPLIT:
-            raise ParameterError("dm_mat_type", "nest", f"not with @@pc_type {solver}; allowed with "
-                                 "fieldsplit", prefix="")
+            raise ParameterError("dm_mat_type", "nest", f"not with @@pc_type {solver}; allowed "
+                                 "with fieldsplit", prefix="")
         share = database.getReal("ts_adapt_scale_solve_failed", 0.25)
         check("ts_adapt_scale_solve_failed", share, 0.0 < share < 1.0, "a number > 0 and < 1: a "
               "step that fails is repeated smaller")

@@ -20,7 +20,6 @@ from ..versions import set_schur_matrix
 from .element import Geometry
 from .schur import PressureSchur
 
-
 #: The coarsest grid has at most so many elements, as every rank may have to factorise its matrix.
 MOST_COARSE = 300
 

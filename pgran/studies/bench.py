@@ -6,6 +6,7 @@
     bench flows [element sizes: "1 0.5 0.25"] [ranks: "1 2"]
     bench size [element sizes: "2 1 0.5"] [ranks: "1 2 3 4"] [sizes of MUMPS: the same]
     bench weak [ranks: "1 2 4"]
+    bench large [widths: "40 80 160"] [ranks: "1 2 4"]
     bench guard
 
 `answer` takes the main job to 10 % compression on two ranks, beside a run with tight tolerances.
@@ -15,7 +16,8 @@ them for the first system of steps of many sizes, with inertia and without. `flo
 the flows on fixed meshes, on the way to the steady flow, and in ten steps in time. `size` takes the
 seconds of a Newton iteration and the peak memory in a step from the state at 10 %, by multigrid and
 by MUMPS, with exponents over the sizes. `weak` makes thirty steps from rest with 4800 elements a
-rank. `guard` gives one page of ratios that do not depend on the machine, in a few minutes. Tables
+rank. `large` makes nine steps from rest on elements of 4 d, and counts outer iterations to 1e-6
+while the specimen grows. `guard` gives one page of ratios that do not depend on the machine. Tables
 go to results/bench; nothing else should run meanwhile.
 """
 
@@ -240,6 +242,26 @@ def weak(ranks="1 2 4", *, options=()):
                   took["seconds"] / newton, took["memory"] / took["ranks"])
 
 
+def large(widths="40 80 160", ranks="1 2 4", *, options=()):
+    """Outer iterations and memory while the specimen grows, on elements of 4 d."""
+    table = Table(BENCH / "large.csv", {
+        "L x H (d)": "", "unknowns": "d", "ranks": "", "linear a Newton iteration": ".1f",
+        "s a Newton iteration": ".3f", "MB a rank": ".0f"})
+    for width in map(int, widths.split()):
+        for count in ranks.split():
+            path = BENCH / f"large_{width}_{count}.h5"
+            took = launch.run(path, FILE, *launch.QUIET, *options, "-pgran_width", width,
+                              "-pgran_height", 3 * width, "-pgran_element_size", 4,
+                              "-ts_max_steps", 9, *FRESH, "-ksp_max_it", 200,
+                              "-ksp_gmres_restart", 200, ranks=int(count))
+            nx, ny = width // 4, 3 * width // 4
+            newton = took["newton_iterations"]
+            table.row(f"{width} x {3 * width}",
+                      3 * (2 * nx + 1) * (2 * ny + 1) + (nx + 1) * (ny + 1), count,
+                      took["linear_iterations"] / newton, took["seconds"] / newton,
+                      took["memory"] / int(count))
+
+
 def guard(*, options=()):
     """One page of ratios: assembly and solution to compiled code, iterations, bytes an unknown."""
     table = Table(BENCH / "guard.csv", {"what": "", "value": ".2f"})
@@ -274,7 +296,8 @@ def guard(*, options=()):
 
 
 BENCHES = {"answer": answer, "iterations": iterations, "inertia": inertia, "flows": flows,
-           "size": size, "weak": weak, "guard": guard}
+           "size": size, "weak": weak, "large": large,
+           "guard": guard}
 
 
 def main(bench, *lists, options=()):
