@@ -14,7 +14,8 @@ from pgran.studies import growth
 
 SMALL = "-pgran_element_size", 4
 #: Linear systems solved by options/biaxial.opts as exactly as MUMPS does.
-EXACT = ("-snes_atol", 1e-8, "-ksp_rtol", 1e-10, "-ksp_max_it", 300, "-ksp_gmres_restart", 300)
+EXACT = ("-snes_atol", 1e-8, "-ksp_rtol", 1e-10, "-ksp_max_it", 300, "-ksp_gmres_restart", 300,
+         "-pgran_tolerance_perturbation", 0)
 FIELDS = {"coordinates": 2, "velocity": 2, "deviator": 3, "fluidity": 0, "pressure": 0,
           "inertial_number": 0, "stress_ratio": 0}
 
