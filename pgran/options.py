@@ -263,6 +263,8 @@ RUN = (
     positive("step_max", 0.01, "1/gdot0", "largest time step", changeable=True),
     positive("step_min", 1e-8, "1/gdot0", "smallest time step; the run stops with an error below "
              "it", changeable=True),
+    Option("step_growth", "float", 1.5, "", "largest ratio of successive steps", low=1.0,
+           open_low=True, changeable=True),
     Option("tolerance_perturbation", "float", 0.0, "", "departure from the reference flow, over "
            "its size, from which on -snes_atol holds; below it the tolerance of Newton's method is "
            "smaller in proportion, so that what it leaves stays small against what grows; 0 leaves "
@@ -271,8 +273,6 @@ RUN = (
              changeable=True),
     Option("chord", "bool", True, "", "Newton's method takes the chord of F in place of its "
            "tangent near the double root of the fluidity equation", changeable=True),
-    Option("step_growth", "float", 1.5, "", "largest ratio of successive steps", low=1.0,
-           open_low=True, changeable=True),
     positive("steady_time", 1e3, "1/gdot0", "steady flow, with -ts_type pseudo and in spectra "
              "about a snapshot, may deform elastically within this time; it makes the material "
              "that rests nearly rigid", "theta = 1/(G T)", changeable=True),

@@ -207,10 +207,14 @@ class Driver:
                      "ts_error_if_step_fails"):
             check(name, 1, not database.getBool(name, False),
                   "false: a step that fails is repeated smaller")
-        solver = ts.getSNES().getKSP().getPC().getType()
-        if matrix_type() == PETSc.Mat.Type.NEST and solver != PETSc.PC.Type.FIELDSPLIT:
-            raise ParameterError("dm_mat_type", "nest", f"not with @@pc_type {solver}; allowed "
-                                 "with fieldsplit", prefix="")
+        if matrix_type() == PETSc.Mat.Type.NEST:
+            solver = ts.getSNES().getKSP().getPC().getType()
+            if solver != PETSc.PC.Type.FIELDSPLIT:
+                raise ParameterError("dm_mat_type", "nest", f"not with @@pc_type {solver}; allowed "
+                                     "with fieldsplit", prefix="")
+            # The blocks are solved for as they are, so that nothing of them can be older.
+            lag = database.getInt("snes_lag_preconditioner", 1)
+            check("snes_lag_preconditioner", lag, lag == 1, "1 with @@dm_mat_type nest")
         share = database.getReal("ts_adapt_scale_solve_failed", 0.25)
         check("ts_adapt_scale_solve_failed", share, 0.0 < share < 1.0, "a number > 0 and < 1: a "
               "step that fails is repeated smaller")
@@ -277,24 +281,13 @@ class Driver:
         with PETSc.Log.Stage("Jacobian"):
             local, increment = self.grid.to_local(u), self._increment(ts, time)
             self._tolerances.next(ts.getSNES())
-            self._keep_coarse_grids(ts.getSNES())
             defect = self._fluidity_defect(local, rate, increment)
             self.form.jacobian(local, shift, increment, preconditioner, defect)
             if self.schur is not None:
                 self.schur.fill(local, shift, increment, preconditioner)
 
-    def _keep_coarse_grids(self, snes):
-        """Let a block keep its coarse grids where ``-snes_lag_preconditioner`` says so.
-
-        A matrix of blocks is its own preconditioner, and PETSc would make them anew.
-        """
-        lag = PETSc.Options().getInt("snes_lag_preconditioner", 1)
-        if self.matrix.getType() == PETSc.Mat.Type.NEST and lag > 1 and self.started:
-            for ksp in snes.getKSP().getPC().getFieldSplitSubKSP():
-                ksp.getPC().setReusePreconditioner(snes.getIterationNumber() % lag != 0)
-
     def _fluidity_defect(self, local, rate, increment):
-        """What the chord of the fluidity equation takes into account, or None. Collective."""
+        """The defect that `WeakForm.jacobian` asks for, or None for the tangent. Collective."""
         if not self.parameters.chord or not self.grid.has_fluidity:
             return None
         # SNES has just asked for the residual there.

@@ -205,19 +205,18 @@ class Grid:
 
     def field_sets(self):
         """Return {name: index set} of the fields that solvers may split. Collective."""
-        # Owned unknowns are numbered in a row over the ranks.
-        start = self.comm.tompi4py().scan(self.n_owned) - self.n_owned
-        n_flow = self.nodes.owned.size * self.dof
-        flow = np.arange(start, start + n_flow, dtype=PETSc.IntType).reshape(-1, self.dof)
+        flow, pressure = (part.indices for part in self.part_sets())
+        flow = flow.reshape(-1, self.dof)
         sets = {"velocity": flow[:, :DIM].ravel()}
         if self.has_fluidity:
             sets["fluidity"] = flow[:, DIM]
-        sets["pressure"] = np.arange(start + n_flow, start + self.n_owned, dtype=PETSc.IntType)
+        sets["pressure"] = pressure
         return {name: PETSc.IS().createGeneral(numbers, comm=self.comm)
                 for name, numbers in sets.items()}
 
     def part_sets(self):
         """Return the index sets of all unknowns at nodes and of the pressures. Collective."""
+        # Owned unknowns are numbered in a row over the ranks.
         n_flow = self.nodes.owned.size * self.dof
         start = self.comm.tompi4py().scan(self.n_owned) - self.n_owned
         bounds = start, start + n_flow, start + self.n_owned

@@ -119,8 +119,20 @@ class ElementMatrix(ABC):
         self._grid, self._rows, self._columns = grid, rows, columns
         self._numbers, self._held, self._batches = numbers, held, batches
         self._groups, self._first = groups, first
+        self._starts = [np.cumsum([0] + [part.lattice.size * part.dof for part in parts])
+                        for parts in (rows, columns)]
         self.entries = sum(len(block.row.points) * len(block.column.points)
                            for group in groups for block in group)
+
+    def _local(self, side, field):
+        """The local rows (``side`` 0) or columns (1) of a `Field`, (m, n)."""
+        dof = (self._rows, self._columns)[side][field.part].dof
+        return self._starts[side][field.part] + field.points * dof + field.number
+
+    def _owned(self, side):
+        """The local numbers of the owned rows (``side`` 0) or columns (1), (n,)."""
+        return np.concatenate([start + part.owned for start, part in zip(
+            self._starts[side], (self._rows, self._columns)[side])])
 
     @property
     def _square(self):
@@ -140,30 +152,18 @@ class PlacedMatrix(ElementMatrix):
 
     def __init__(self, *arguments, **more):
         super().__init__(*arguments, **more)
-        self._made, where, lengths = self._first_matrix(self._sparsity())
-        self._lay_out(self._sparsity(), where, lengths)
+        sparsity = self._sparsity()
+        self._made = self._pattern(sparsity)
+        with stored_values(self._made) as arrays:
+            lengths = [array.size for array in arrays]
+        self._lay_out(sparsity, _places(self._made, sparsity, self._numbers[1]), lengths)
+        self._made.zeroEntries()
 
     def _sparsity(self):
         return Sparsity(self._grid, self._rows, self._columns)
 
-    def _first_matrix(self, sparsity):
-        """A matrix, where PETSc keeps its entries, and how many: see `_places`."""
-        matrix = self._pattern(sparsity)
-        with stored_values(matrix) as arrays:
-            lengths = [array.size for array in arrays]
-        where = _places(matrix, sparsity, self._numbers[1])
-        matrix.zeroEntries()
-        return matrix, where, lengths
-
     def _lay_out(self, sparsity, where, lengths):
-        starts = [np.cumsum([0] + [part.lattice.size * part.dof for part in parts])
-                  for parts in (self._rows, self._columns)]
-
-        def held_at(side, field):
-            parts = (self._rows, self._columns)[side]
-            return self._held[side][starts[side][field.part]
-                                    + field.points * parts[field.part].dof + field.number]
-
+        """Find the places of all batches; ``where`` is from `_places`, ``lengths`` of the parts."""
         self._sums, known = [], {}
         for batch in self._batches:
             sums, begin = [], self._first * (batch.stop - batch.start)
@@ -173,7 +173,9 @@ class PlacedMatrix(ElementMatrix):
                     row, column = (field._replace(points=field.points[:, batch])
                                    for field in block)
                     place = where[sparsity.places(Block(row, column))]
-                    place[held_at(0, row)[:, None] | held_at(1, column)] = sum(lengths)
+                    row, column = (held[self._local(side, field)] for side, (held, field)
+                                   in enumerate(zip(self._held, (row, column))))
+                    place[row[:, None] | column] = sum(lengths)
                     places.append(place.ravel())
                 places = np.concatenate(places)
                 sums.append((0, BatchSum(slice(begin, begin + places.size), places, lengths[0],
@@ -189,14 +191,14 @@ class PlacedMatrix(ElementMatrix):
             for unknown in range(dof):
                 field = Field(number, unknown, lattice.owned[None])
                 place = sparsity.places(Block(field, field))[0, 0]
-                ones.append(where[place][held_at(0, field)[0]])
+                ones.append(where[place][self._held[0][self._local(0, field)[0]]])
         self._ones = np.concatenate(ones)
 
     def _pattern(self, sparsity):
         """A matrix with all entries of ``sparsity``, each holding its own number."""
         comm = self._grid.comm
         ranks, n_rows = comm.tompi4py(), sparsity.start.size - 1
-        n_columns = sum(part.owned.size for part in self._columns)
+        n_columns = self._owned(1).size
         last, size = ranks.scan(n_columns), ranks.allreduce(n_columns)
         matrix = PETSc.Mat().create(comm=comm)
         matrix.setType(PETSc.Mat.Type.AIJ)
@@ -251,10 +253,8 @@ class CoordinateMatrix(ElementMatrix):
 
     def create(self):
         """Return a new matrix of zeros, which belongs to the caller. Collective."""
-        sizes = [(sum(part.owned.size for part in parts), None)
-                 for parts in (self._rows, self._columns)]
         matrix = PETSc.Mat().create(comm=self._grid.comm)
-        matrix.setSizes(sizes)
+        matrix.setSizes([(self._owned(side).size, None) for side in range(2)])
         matrix.setType(PETSc.Mat.Type.AIJ)
         matrix.setFromOptions()
         matrix.setPreallocationCOO(*self._coordinates())
@@ -263,28 +263,25 @@ class CoordinateMatrix(ElementMatrix):
 
     def _coordinates(self):
         """Global rows and columns of all entries, (n,) each; negative for what is left out."""
-        known, starts = [], []
-        for parts, numbers, held in zip((self._rows, self._columns), self._numbers, self._held):
-            numbers = np.where(held, -1, numbers)
-            starts.append(np.cumsum([0] + [part.lattice.size * part.dof for part in parts]))
-            known.append(numbers)
-        owned = self._owned()
-        there = np.ones(known[0].size, dtype=bool)
-        there[owned] = False
-        known[0][there] = -1
+        known = [np.where(held, -1, numbers) for numbers, held in zip(self._numbers, self._held)]
+        others = np.ones(known[0].size, dtype=bool)
+        others[self._owned(0)] = False
+        known[0][others] = -1  # another rank adds to these rows
         found = [], []
         for batch in self._batches:
-            for group in self._groups:
-                for block in group:
-                    row, column = (
-                        numbers[start[field.part] + field.points[:, batch] * parts[field.part].dof
-                                + field.number]
-                        for numbers, start, field, parts in zip(
-                            known, starts, block, (self._rows, self._columns)))
-                    for side, number in zip(found, np.broadcast_arrays(row[:, None], column[None])):
-                        side.append(number.ravel().astype(PETSc.IntType))
-        ones = self._numbers[0][owned[self._held[0][owned]]] if self._square else []
-        return [np.concatenate([*side, np.asarray(ones, dtype=PETSc.IntType)]) for side in found]
+            for block in (block for group in self._groups for block in group):
+                row, column = (
+                    numbers[self._local(side, field._replace(points=field.points[:, batch]))]
+                    for side, (numbers, field) in enumerate(zip(known, block)))
+                for side, numbers in zip(found, np.broadcast_arrays(row[:, None], column)):
+                    side.append(numbers.ravel().astype(PETSc.IntType))
+        ones = self._numbers[0][self._ones()].astype(PETSc.IntType)
+        return [np.concatenate([*side, ones]) for side in found]
+
+    def _ones(self):
+        """The owned rows that are those of the identity, local numbers (n,)."""
+        owned = self._owned(0)
+        return owned[self._held[0][owned]] if self._square else owned[:0]
 
     @contextmanager
     def filling(self, matrix):
@@ -295,14 +292,8 @@ class CoordinateMatrix(ElementMatrix):
             values.append(out[self._first:self._first + self.entries].ravel())
 
         yield add
-        ones = np.count_nonzero(self._held[0][self._owned()]) if self._square else 0
-        matrix.setValuesCOO(np.concatenate([*values, np.ones(ones)]))
+        matrix.setValuesCOO(np.concatenate([*values, np.ones(self._ones().size)]))
         matrix.assemble()
-
-    def _owned(self):
-        """The local numbers of the owned rows, (n,)."""
-        sizes = np.cumsum([0] + [part.lattice.size * part.dof for part in self._rows])
-        return np.concatenate([first + part.owned for first, part in zip(sizes, self._rows)])
 
 
 def fill(parts, batches, evaluate):

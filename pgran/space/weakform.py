@@ -508,8 +508,8 @@ class WeakForm:
     def create_matrix(self, kind="aij"):
         """Return an empty parallel matrix with the places of the Jacobian. Collective.
 
-        ``kind`` is aij, or nest: blocks of the unknowns at nodes and of the pressures, which a
-        preconditioner by fields takes as they are.
+        ``kind`` is aij for one matrix. With nest it has blocks, for the unknowns at nodes and for
+        the pressures, and PCFIELDSPLIT takes the blocks as they are.
         """
         matrices = [[part.create() for part in row] for row in self._element_matrices(kind)]
         if kind == "aij":
@@ -707,9 +707,9 @@ class BatchPoints:
         self.nodes, self._x = grid.element_nodes[:, batch], increment.x
         self.nodal_g = nodal[grid.blocks["g"]] if grid.has_fluidity else None
         fluidity = None if self.nodal_g is None else element.SHAPE @ self.nodal_g
+        self._material, self._law = form.material, form.laws[number]
         self.response = form.material.model.response(
-            form.laws[number], form.material.inverse_time(self.P), self.gdot, self.P, fluidity,
-            theta)
+            self._law, form.material.inverse_time(self.P), self.gdot, self.P, fluidity, theta)
 
     @property
     def nodal_x(self):
@@ -731,17 +731,23 @@ class BatchPoints:
         return 2.0 * self.response.viscosity.value * np.array([self.d11, self.d22, self.d12])
 
     def stress_ratio_slopes(self):
-        """Return the derivatives of mu = viscosity gdot~/P as a `Quantity`, its value included."""
+        """Return mu = viscosity gdot~/P and its derivatives, a `Quantity` of arrays (points, n)."""
         viscosity, mu = self.response.viscosity, self.response.stress_ratio
         return Quantity(mu, rate=(viscosity.value + viscosity.rate * self.gdot) / self.P,
                         pressure=(viscosity.pressure * self.gdot - mu) / self.P,
                         fluidity=viscosity.fluidity * self.gdot / self.P)
 
     def chord_source(self, defect):
-        """Return F with the slope in mu of the chord over which F falls by ``defect``."""
-        response, mu = self.response, self.stress_ratio_slopes()
-        slope, source = response.source_slope, response.source
-        change = chord(slope, response.source_curvature, -defect) - slope
+        """Return F with the slope in mu of the `chord` over which F falls by the ``defect``.
+
+        A `Quantity` in gdot0, as `Response` has it; the ``defect`` (points, n) in gdot0.
+        """
+        source, mu = self.response.source, self.stress_ratio_slopes()
+        slope = source.rate / mu.rate
+        curvature = self._material.model.curvature(
+            self._law, self._material.inverse_time(self.P), mu.value, self.P,
+            self.response.fluidity)
+        change = chord(slope, curvature, -defect) - slope
         return Quantity(source.value, *(
             getattr(source, name) + change * getattr(mu, name)
             for name in ("rate", "pressure", "fluidity")))

@@ -42,7 +42,8 @@ def systems(parameters, comm, path, number, steps):
 
     form = discretise(parameters.replace(step_first=min(steps), step_min=min(steps)), comm)
     driver = Driver(form, interpolated(form, path, number), lambda *_: None, targets=[])
-    ksp, right, change = driver.ts.getSNES().getKSP(), *(form.grid.create_vector() for _ in 'bx')
+    ksp = driver.ts.getSNES().getKSP()
+    right, change = (form.grid.create_vector() for _ in range(2))
     found = []
     for dt in steps:
         state, increment = driver.state, driver.time_step(dt).increment

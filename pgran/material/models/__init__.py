@@ -46,9 +46,6 @@ class Response:
         mu = tau/P, I of the plastic rate g mu, and g in gdot0.
     source : Quantity or None
         F of the fluidity equation in gdot0; None for a model without this equation.
-    source_slope, source_curvature : ndarray or float
-        First and second derivative of F with respect to mu, P and g held. Newton's method uses
-        them near a double root, see `pgran.space.chord`; without curvature it is as it stands.
     """
 
     viscosity: Quantity
@@ -56,8 +53,6 @@ class Response:
     inertial_number: np.ndarray
     fluidity: np.ndarray
     source: object = None
-    source_slope: object = 0.0
-    source_curvature: object = 0.0
 
 
 class Model(ABC):
@@ -124,6 +119,14 @@ class Model(ABC):
         Only walls of local fluidity need it; the default raises NotImplementedError.
         """
         raise NotImplementedError(f"{type(self).__name__} has no walls of local fluidity")
+
+    def curvature(self, law, s, mu, P, g):
+        """Return the second derivative of F with respect to mu, (points, n) or a number, gdot0.
+
+        P and g are held; the arguments are those of `lag`. Newton's method uses it near a double
+        root of F, see `pgran.space.chord`. The default is zero: there is no double root.
+        """
+        return 0.0
 
     @abstractmethod
     def response(self, law, s, gdot, P, g, theta):

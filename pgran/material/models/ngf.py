@@ -40,8 +40,6 @@ class NGF(Model):
             stress_ratio=mu,
             inertial_number=g * mu / s,
             fluidity=g,
-            source_slope=source.rate,
-            source_curvature=self.curvature(law, s, mu, P, g),
             # mu falls by theta mu total as P rises by one, and by mu total as g does.
             source=Quantity(
                 source.value,
@@ -77,9 +75,9 @@ class NGF(Model):
                         fluidity=stiffness)
 
     def curvature(self, law, s, mu, P, g):
-        """Return the second derivative of F with respect to mu near mu_s, (points, n), gdot0.
+        """Return the second derivative of F with respect to mu, (points, n), gdot0.
 
-        2 (A^2 d^2/xi^2)' (g - g_loc)': what else there is vanishes at mu_s.
+        It is 2 (A^2 d^2/xi^2)' (g - g_loc)', the part that does not vanish at mu_s.
         """
         return 2.0 * law.inverse_length_squared(mu)[1] * self.lag(law, s, mu, P, g).rate
 

@@ -74,7 +74,7 @@ class NGFPrimitive(NGF):
         return {"fluidity": self.relaxation_time}
 
     def curvature(self, law, s, mu, P, g):
-        """Return zero: F has no double root here."""
+        """Return zero: this F has no double root."""
         return 0.0
 
     def source(self, law, s, mu, P, g):
