@@ -12,7 +12,7 @@ from conftest import ROOT, discretised, pgran, refused, run_ranks
 from mpi4py import MPI
 
 from pgran.solve.state import rest
-from pgran.space.multigrid import MOST_COARSE, node_level
+from pgran.space.multigrid import node_level
 from pgran.space.schur import INERTIAL, PressureSchur
 
 
@@ -110,7 +110,7 @@ def test_the_coarsest_grid_does_not_grow_with_the_specimen(width, depth):
     assert level.depth == depth
     for _ in range(depth):
         level = level.coarser()
-    assert np.prod(level.shape) <= MOST_COARSE
+    assert np.prod(level.shape) <= form.case.most_coarse
 
 
 def test_more_grids_than_elements_allow_are_refused(tmp_path):

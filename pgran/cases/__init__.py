@@ -65,8 +65,11 @@ class Case(ABC):
         and is carried with it, and inertia contains the convective acceleration (v.grad)v.
     coarsest : float
         Mean side over A d of the coarsest elements that multigrid may use. They resolve what
-        couples velocity and fluidity over long distances: six are the shortest growing wavelength
+        couples velocity and fluidity over long distances: three are the shortest growing wavelength
         (k A d = 0.1226) unless a case says otherwise.
+    most_coarse : float
+        How many elements the coarsest grid may have, as every rank may have to factorise its
+        matrix. Beyond them it is coarsened further, whatever `coarsest` says.
     walls_of_local_fluidity : tuple of str
         Sides where g = g_loc takes the place of the fluidity equation. Their ends must be periodic.
     rests : str or None
@@ -88,6 +91,7 @@ class Case(ABC):
     periodic = False, False
     moving = True
     coarsest = 17.0
+    most_coarse = 300
     base_gradient = np.zeros((2, 2))
     stress_unit = "stress"
     fluidity_source = None

@@ -47,6 +47,7 @@ class FixedMesh(Case):
 
     moving = False
     coarsest = 2.1  #: the fluidity decays over A d/sqrt(mu_s) = 1.6 A d from what drives the flow
+    most_coarse = np.inf
     walls = ()
 
     def start(self, x):

@@ -20,10 +20,6 @@ from ..versions import set_schur_matrix
 from .element import Geometry
 from .schur import PressureSchur
 
-#: The coarsest grid has at most so many elements, as every rank may have to factorise its matrix.
-MOST_COARSE = 300
-
-
 def field_shell(form):
     """Return a DM that knows the fields by name and the coarser grids of a block. Collective.
 
@@ -53,8 +49,9 @@ def node_level(form, names):
         np.empty((0, grid.nodes.size)), Geometry(x[:, grid.element_nodes])))
     coarsest = form.case.coarsest * form.material.model.length
     elements = np.prod(grid.shape)
-    wanted = max(coarsest * np.sqrt(elements / area), np.sqrt(4.0 * elements / MOST_COARSE) - 1e-9)
-    level.depth = min(level.coarsenings, max(1, int(np.log2(wanted))))
+    halvings = max(1.0, np.floor(np.log2(coarsest * np.sqrt(elements / area))),
+                   np.ceil(np.log2(elements / form.case.most_coarse) / 2.0))
+    level.depth = min(level.coarsenings, int(halvings))
     return level
 
 
