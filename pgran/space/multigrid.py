@@ -20,6 +20,7 @@ from ..versions import set_schur_matrix
 from .element import Geometry
 from .schur import PressureSchur
 
+
 def field_shell(form):
     """Return a DM that knows the fields by name and the coarser grids of a block. Collective.
 
@@ -50,7 +51,7 @@ def node_level(form, names):
     coarsest = form.case.coarsest * form.material.model.length
     elements = np.prod(grid.shape)
     halvings = max(1.0, np.floor(np.log2(coarsest * np.sqrt(elements / area))),
-                   np.ceil(np.log2(elements / form.case.most_coarse) / 2.0))
+                   np.ceil(np.log2(max(1.0, elements / form.case.most_coarse)) / 2.0))
     level.depth = min(level.coarsenings, int(halvings))
     return level
 
