@@ -208,16 +208,23 @@ class Driver:
             check(name, 1, not database.getBool(name, False),
                   "false: a step that fails is repeated smaller")
         if matrix_type() == PETSc.Mat.Type.NEST:
-            solver = ts.getSNES().getKSP().getPC().getType()
-            if solver != PETSc.PC.Type.FIELDSPLIT:
-                raise ParameterError("dm_mat_type", "nest", f"not with @@pc_type {solver}; allowed "
-                                     "with fieldsplit", prefix="")
-            # The blocks are solved for as they are, so that nothing of them can be older.
-            lag = database.getInt("snes_lag_preconditioner", 1)
-            check("snes_lag_preconditioner", lag, lag == 1, "1 with @@dm_mat_type nest")
+            self._check_blocks(ts.getSNES().getKSP().getPC().getType(), database, check)
         share = database.getReal("ts_adapt_scale_solve_failed", 0.25)
         check("ts_adapt_scale_solve_failed", share, 0.0 < share < 1.0, "a number > 0 and < 1: a "
               "step that fails is repeated smaller")
+
+    def _check_blocks(self, solver, database, check):
+        """Refuse options that do not take a Jacobian of blocks as it is."""
+        wanted = "0,1" if self.grid.has_fluidity else "0"
+        joined = database.getString("pc_fieldsplit_0_fields", "0")
+        for option, found, good in (("pc_type", solver, PETSc.PC.Type.FIELDSPLIT),
+                                    ("pc_fieldsplit_0_fields", joined, wanted)):
+            if found != good:
+                raise ParameterError("dm_mat_type", "nest", f"not with @@{option} {found}; allowed "
+                                     f"with {good}", prefix="")
+        # The solver of a block has the block itself, so that nothing in it can be older.
+        lag = database.getInt("snes_lag_preconditioner", 1)
+        check("snes_lag_preconditioner", lag, lag == 1, "1 with @@dm_mat_type nest")
 
     @property
     def started(self):
