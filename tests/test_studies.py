@@ -307,6 +307,31 @@ def test_one_step_tells_what_it_costs(tiny):
         assert row["iterations"] > 0 and 0.0 < row["jacobian"] + row["evaluation"] < row["seconds"]
 
 
+def test_finer_elements_bring_the_schur_complement_of_li_nearer_to_zero_in_flow(
+        tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "BENCH", tmp_path)
+    monkeypatch.setattr(bench, "COARSE", 2)
+    monkeypatch.setattr(bench, "LI", {"before yielding": 0.001, "in flow": 0.003})
+    monkeypatch.setattr(bench, "LI_STEP", 2e-3)
+    first = dict([next(iter(bench.ITERATIVE.items()))])
+    monkeypatch.setattr(bench, "ITERATIVE", first)
+    bench.main("li", "2 1", options=SMALL)
+    counts = [int(row["in flow"]) for row in table(tmp_path / "li.csv")]
+    assert counts[1] > counts[0] > 3
+    spectrum = table(tmp_path / "li_spectrum.csv")
+    nearest = [float(row["in flow"].split()[0]) for row in spectrum]
+    assert nearest[1] < 0.6 * nearest[0]  # 0.20 and 0.41
+
+
+def test_large_specimens_are_counted_with_both_coarse_grids(tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "BENCH", tmp_path)
+    monkeypatch.setattr(bench, "LARGE_STEPS", ("1e-4",))
+    bench.main("large", "40", "2")
+    row, = table(tmp_path / "large.csv")
+    assert 10 < int(row["dt = 1e-4, biaxial.opts"]) < 30 and row["elements"] == "300"
+    assert 10 < int(row["dt = 1e-4, large.opts"]) < 30
+
+
 def test_the_table_of_sensitivities_has_a_row_for_each_snapshot(tmp_path, monkeypatch):
     monkeypatch.setattr(sensitivity, "CASES", {"base": (), "Jop": ("-pgran_law", "jop"),
                                                "no": ("-pgran_step_min", 5e-3)})

@@ -7,6 +7,7 @@
     bench size [element sizes: "2 1 0.5"] [ranks: "1 2 3 4"] [sizes of MUMPS: the same]
     bench weak [ranks: "1 2 4"]
     bench large [widths: "40 80 160"] [ranks: "1 2 4"]
+    bench li [element sizes: "4 2"]
     bench guard
 
 `answer` takes the main job to 10 % compression on two ranks, beside a run with tight tolerances.
@@ -16,9 +17,10 @@ them for the first system of steps of many sizes, with inertia and without. `flo
 the flows on fixed meshes, on the way to the steady flow, and in ten steps in time. `size` takes the
 seconds of a Newton iteration and the peak memory in a step from the state at 10 %, by multigrid and
 by MUMPS, with exponents over the sizes. `weak` makes thirty steps from rest with 4800 elements a
-rank. `large` makes nine steps from rest on elements of 4 d, and counts outer iterations to 1e-6
-while the specimen grows. `guard` gives one page of ratios that do not depend on the machine. Tables
-go to results/bench; nothing else should run meanwhile.
+rank. `large` counts outer iterations to 1e-6 in steps from homogeneous flow on elements of 4 d
+while the specimen grows. `li` counts them for the local model before yielding and in flow, by
+solvers that are not direct, and tells what spectrum they meet. `guard` gives one page of ratios
+that do not depend on the machine. Tables go to results/bench; nothing else should run meanwhile.
 """
 
 import json
@@ -52,6 +54,37 @@ FLOWS = {"planar_shear, graded": ("planar_shear",), "vertical_chute": ("vertical
 TEN = ("-ts_type", "beuler", "-pgran_start", "flow", "-ts_max_steps", 10,
        "-snes_linesearch_type", "basic", "-snes_atol", 1e-6)
 KINDS = {"steady": (), "in time": TEN, "with inertia": (*TEN, "-pgran_inertia", "true")}
+#: States of the local model, by compression.
+LI = {"before yielding": 0.001, "at 0.3 %": 0.003, "at 1 %": 0.01}
+SCHUR = ("-pc_type", "fieldsplit", "-pc_fieldsplit_type", "schur",
+         "-pc_fieldsplit_schur_fact_type", "upper", "-fieldsplit_velocity_ksp_type", "preonly",
+         "-fieldsplit_pressure_ksp_type", "preonly")
+MASS = "-pc_fieldsplit_schur_precondition", "user", "-fieldsplit_pressure_pc_type", "lu"
+VELOCITY_LU = ("-fieldsplit_velocity_pc_type", "lu",
+               "-fieldsplit_velocity_pc_factor_mat_solver_type", "mumps")
+OVERLAP = ("-pc_type", "asm", "-pc_asm_overlap", 4, "-sub_pc_type", "lu",
+           "-sub_pc_factor_mat_solver_type", "mumps")
+LI_STEP = 3e-4
+#: Solvers of the local model: ranks and options.
+ITERATIVE = {
+    "velocity exact, M = mass over viscosity": (1, (*SCHUR, *MASS, *VELOCITY_LU)),
+    "velocity exact, M = B diag^-1 B^T": (1, (
+        *SCHUR, "-pc_fieldsplit_schur_precondition", "selfp", "-fieldsplit_pressure_pc_type", "lu",
+        *VELOCITY_LU)),
+    "velocity exact, least-squares commutator": (1, (
+        *SCHUR, "-pc_fieldsplit_schur_precondition", "self", "-fieldsplit_pressure_pc_type", "lsc",
+        "-fieldsplit_pressure_lsc_pc_type", "lu", *VELOCITY_LU)),
+    "velocity by multigrid, ILU smooths": (1, (
+        *SCHUR, *MASS, "-fieldsplit_velocity_pc_type", "mg",
+        "-fieldsplit_velocity_pc_mg_galerkin", "both",
+        "-fieldsplit_velocity_mg_levels_ksp_type", "richardson",
+        "-fieldsplit_velocity_mg_levels_ksp_max_it", 1,
+        "-fieldsplit_velocity_mg_levels_pc_type", "bjacobi",
+        "-fieldsplit_velocity_mg_levels_sub_pc_type", "ilu",
+        "-fieldsplit_velocity_mg_coarse_pc_type", "lu")),
+    "LU on 2 overlapping parts": (2, OVERLAP), "LU on 4 overlapping parts": (4, OVERLAP)}
+#: A compression at which all specimens flow, and sizes of the steps from there, 1/gdot0.
+FLOWING, LARGE_STEPS = 0.001, ("1e-4", "3e-4", "1e-3")
 #: What makes a tight run.
 TIGHT = ("-pgran_step_error", 0.01, "-snes_atol", 1e-7, "-ksp_rtol", 1e-4,
          "-pgran_tolerance_perturbation", 0)
@@ -245,19 +278,52 @@ def weak(ranks="1 2 4", *, options=()):
 
 def large(widths="40 80 160", ranks="1 2 4", *, options=()):
     """Outer iterations and memory while the specimen grows, on elements of 4 d."""
+    solvers = {"biaxial.opts": (), "large.opts": ("-options_file", "options/large.opts")}
     table = Table(BENCH / "large.csv", {
-        "L x H (d)": "", "elements": "d", "ranks": "", "linear a Newton iteration": ".1f",
-        "s a Newton iteration": ".3f", "MB a rank": ".0f"})
+        "L x H (d)": "", "elements": "d", "ranks": "", "MB a rank": ".0f",
+        **{f"dt = {dt}, {solver}": "" for solver in solvers for dt in LARGE_STEPS}})
     for width in map(int, widths.split()):
+        shape = "-pgran_width", width, "-pgran_height", 3 * width, "-pgran_element_size", COARSE
         for count in ranks.split():
             path = BENCH / f"large_{width}_{count}.h5"
-            took = launch.run(path, FILE, *launch.QUIET, *options, "-pgran_width", width,
-                              "-pgran_height", 3 * width, "-pgran_element_size", 4,
-                              "-ts_max_steps", 9, *EXACT, ranks=int(count))
-            newton = took["newton_iterations"]
-            table.row(f"{width} x {3 * width}", 3 * width**2 // 16, count,
-                      took["linear_iterations"] / newton, took["seconds"] / newton,
-                      took["memory"] / int(count))
+            took = launch.run(path, FILE, *launch.QUIET, *options, *shape, "-pgran_compression",
+                              FLOWING, "-pgran_snapshots", FLOWING, ranks=int(count))
+            cells = []
+            for more in solvers.values():
+                made = launch.python(
+                    count, "-m", "pgran.studies.systems", "-options_file", FILE, *more, *EXACT,
+                    *shape, *options, "-from", path, "-dt", ",".join(LARGE_STEPS),
+                    stdout=subprocess.PIPE, text=True, timeout=LIMIT)
+                cells += ["-" if its is None else str(its) for its in json.loads(made.stdout)]
+            table.row(f"{width} x {3 * width}", 3 * width**2 // COARSE**2, count,
+                      took["memory"] / int(count), *cells)
+
+
+def li(sizes="4 2", *, options=()):
+    """Outer iterations to 1e-6 for the local model, and the spectrum that one solver meets."""
+    states, file = BENCH / "li.h5", "options/li.opts"
+    launch.run(states, file, "-pgran_snapshots", ",".join(map(str, LI.values())), *options,
+               "-pgran_element_size", COARSE, *launch.QUIET)
+    columns = {"element (d)": "", **dict.fromkeys(LI, "")}
+
+    def made(module, ranks, size, number, *more):
+        answer = launch.python(
+            ranks, "-m", f"pgran.studies.{module}", "-options_file", file, "-ksp_type", "fgmres",
+            *EXACT, *more, *options, "-pgran_element_size", size, "-from", states, "-snapshot",
+            number, "-dt", LI_STEP, stdout=subprocess.PIPE, text=True, timeout=LIMIT)
+        return json.loads(answer.stdout)
+
+    table = Table(BENCH / "li.csv", {"solver": "", **columns})
+    for solver, (ranks, these) in ITERATIVE.items():
+        for size in sizes.split():
+            counts = (made("systems", ranks, size, number, *these)[0] for number in range(len(LI)))
+            table.row(solver, size, *(None if count is None else str(count) for count in counts))
+    table = Table(BENCH / "li_spectrum.csv", columns)
+    _, these = next(iter(ITERATIVE.values()))
+    for size in sizes.split():
+        spectra = (made("schur_spectrum", 1, size, number, *these) for number in range(len(LI)))
+        table.row(size, *(f"{found['nearest']:.2g} ({100 * found['negative']:.1f} %)"
+                          for found in spectra))
 
 
 def guard(*, options=()):
@@ -294,7 +360,7 @@ def guard(*, options=()):
 
 
 BENCHES = {"answer": answer, "iterations": iterations, "inertia": inertia, "flows": flows,
-           "size": size, "weak": weak, "large": large, "guard": guard}
+           "size": size, "weak": weak, "large": large, "li": li, "guard": guard}
 
 
 def main(bench, *lists, options=()):

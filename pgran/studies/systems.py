@@ -36,26 +36,37 @@ def systems(parameters, comm, path, number, steps):
     list of int or None
         None where the solver did not converge.
     """
+    driver = start_of_steps(parameters, comm, path, number, steps)
+    change, found = driver.grid.create_vector(), []
+    for dt in steps:
+        ksp, right = first_system(driver, dt)
+        ksp.solve(right, change)
+        found.append(ksp.getIterationNumber() if ksp.getConvergedReason() > 0 else None)
+    return found
+
+
+def start_of_steps(parameters, comm, path, number, steps):
+    """Return the `pgran.solve.driver.Driver` that starts the ``steps`` of `systems`. Collective."""
     from ..solve.driver import Driver
     from ..space.weakform import discretise
     from .transfer import interpolated
 
     form = discretise(parameters.replace(step_first=min(steps), step_min=min(steps)), comm)
-    driver = Driver(form, interpolated(form, path, number), lambda *_: None, targets=[])
+    return Driver(form, interpolated(form, path, number), lambda *_: None, targets=[])
+
+
+def first_system(driver, dt):
+    """Return the KSP and the right-hand side of the first system of a step. Collective."""
+    form, state, increment = driver.form, driver.state, driver.time_step(dt).increment
+    local, _ = state.extrapolated(dt)
+    right = form.grid.create_vector()
+    right.setArray(form.residual(local, (local - state.local) / dt, increment))
+    form.jacobian(local, 1.0 / dt, increment, driver.matrix)
+    if driver.schur is not None:
+        driver.schur.fill(local, 1.0 / dt, increment, driver.matrix)
     ksp = driver.ts.getSNES().getKSP()
-    right, change = (form.grid.create_vector() for _ in range(2))
-    found = []
-    for dt in steps:
-        state, increment = driver.state, driver.time_step(dt).increment
-        local, _ = state.extrapolated(dt)
-        right.setArray(form.residual(local, (local - state.local) / dt, increment))
-        form.jacobian(local, 1.0 / dt, increment, driver.matrix)
-        if driver.schur is not None:
-            driver.schur.fill(local, 1.0 / dt, increment, driver.matrix)
-        ksp.setOperators(driver.matrix)
-        ksp.solve(right, change)
-        found.append(ksp.getIterationNumber() if ksp.getConvergedReason() > 0 else None)
-    return found
+    ksp.setOperators(driver.matrix)
+    return ksp, right
 
 
 def action(parameters, asked, comm):
