@@ -6,3 +6,13 @@ grids, solved with PETSc.
 """
 
 __version__ = "0.2.0"
+
+
+def open(path):
+    """Return the `pgran.output.result.Result` of a result file, which may still be written.
+
+    Raises `pgran.output.reading.ResultError` where it is none.
+    """
+    from .output.result import Result
+
+    return Result(path)

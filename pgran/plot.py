@@ -1,25 +1,107 @@
-"""Draw result files: python -m pgran.plot NAME.h5 ...
+"""Draw results: python -m pgran.plot NAME.h5 [NAME.h5 ...] [options]
 
-Writes, beside each file, one picture for each snapshot, NAME_0000.png and so on, of the inertial
-number on the deformed shape. One colour scale holds for all pictures of a file.
+Without options each snapshot is drawn beside its file, NAME_0000.png and so on: the inertial number
+on the deformed shape, with one colour scale for a file. A file may still be written.
+
+    python -m pgran.plot biaxial.h5 -field strain -snapshot -1 -band -arrows
+    python -m pgran.plot biaxial.h5 -together -format pdf       # all snapshots side by side
+    python -m pgran.plot coarse.h5 fine.h5 -together -snapshot -1
+    python -m pgran.plot biaxial.h5 -line 0,54,40,54            # a profile along a line
+    python -m pgran.plot biaxial.h5 -history top_stress         # stress against compression
+    python -m pgran.plot biaxial.h5 -movie biaxial.gif
+
+Quantities:
 """
 
 import sys
+from pathlib import Path
 
-from .cli import answer
+from .cli import answer, own
+from .options import OptionError
+from .output.result import QUANTITIES, Result
+
+ROWS = (
+    own("field", "str", "quantities to draw, with commas between them", "inertial_number"),
+    own("snapshot", "int", "only this one; a negative number counts from the end"),
+    own("together", "flag", "one picture of all files and snapshots on one scale", False),
+    own("format", "str", "png, svg or pdf", "png"),
+    own("output", "str", "name of the picture of -together, -line and -history"),
+    own("limits", "floats", "two ends of the colour scale"),
+    own("log", "flag", "a logarithmic scale", False),
+    own("mesh", "flag", "draw the elements", False),
+    own("arrows", "flag", "draw the velocity", False),
+    own("band", "flag", "draw the shear band, its angle and its width", False),
+    own("no_outline", "flag", "leave out where the material was at the start", False),
+    own("line", "floats", "a profile from x1,x2 to x1,x2 instead of a picture", unit="d"),
+    own("history", "str", "curves of these columns of the history, with commas between them, "
+        "instead of a picture"),
+    own("movie", "str", "a movie of all snapshots instead of pictures, NAME.gif or NAME.mp4"),
+    own("show", "flag", "an interactive window instead of a picture", False))
+__doc__ += "".join(f"\n    {name:16} {quantity.meaning}" for name, quantity in QUANTITIES.items())
+__doc__ += "\n"
 
 
 def run(asked, paths):
     """Draw the files and print the names of the pictures."""
+    check(asked)
+    print("\n".join(map(str, drawn(asked, paths))))
+
+
+def check(asked):
+    """Raise `OptionError` for values that are not allowed."""
+    from .output.pictures import FORMATS
+
+    if asked.format not in FORMATS:
+        raise OptionError(f"-format {asked.format}: allowed is {' | '.join(FORMATS)}")
+    for name, count in (("limits", 2), ("line", 4)):
+        values = getattr(asked, name)
+        if values is not None and len(values) != count:
+            raise OptionError(f"-{name} {','.join(map(str, values))}: allowed are {count} numbers")
+    if asked.limits and not asked.limits[0] < asked.limits[1]:
+        raise OptionError(f"-limits {asked.limits[0]:g},{asked.limits[1]:g}: the first must be "
+                          "the smaller one")
+
+
+def drawn(asked, paths):
+    """Draw what is asked for; return the paths of the pictures."""
     from .output import pictures
 
-    for path in paths:
-        print("\n".join(str(picture) for picture in pictures.pictures(path)))
+    style = pictures.Style(asked.limits, asked.log, asked.mesh, asked.arrows, asked.band,
+                           not asked.no_outline)
+    suffix = f".{asked.format}"
+
+    def target(words):
+        return Path(asked.output or Path(paths[0]).with_name(
+            f"{Path(paths[0]).stem}_{words}{suffix}"))
+
+    if asked.history:
+        names = asked.history.split(",")
+        return pictures.curves([Result(path) for path in paths], names, target("_".join(names)))
+    written = []
+    for name in asked.field.split(","):
+        if asked.show:
+            snapshot, = pictures.snapshots_of(Result(paths[0]), asked.snapshot or -1)
+            written += pictures.window(snapshot, name)
+        elif asked.movie:
+            written += pictures.movie(Result(paths[0]), name, style, asked.movie)
+        elif asked.line:
+            written += pictures.profiles(
+                [Result(path) for path in paths], name, asked.line, target(f"{name}_line"),
+                -1 if asked.snapshot is None else asked.snapshot)
+        elif asked.together:
+            chosen = [snapshot for path in paths
+                      for snapshot in pictures.snapshots_of(Result(path), asked.snapshot)]
+            pictures.panels(chosen, name, style).savefig(target(name))
+            written.append(target(name))
+        else:
+            for path in paths:
+                written += pictures.pictures(path, name, style, suffix, asked.snapshot)
+    return written
 
 
 def main(arguments):
     """Draw the files named in ``arguments``; return the exit code."""
-    return answer(arguments, "plot", run, __doc__, (), operands="NAME.h5")
+    return answer(arguments, "plot", run, __doc__, ROWS, operands="NAME.h5")
 
 
 if __name__ == "__main__":

@@ -1,87 +1,336 @@
-"""Pictures of result files by pyvista, off-screen."""
+"""Pictures of results as a paper prints them, by matplotlib: fields, profiles, curves, movies.
 
-import ctypes.util
-import os
+Every function returns the paths that it wrote. Fields are drawn on the deformed shape, smoothly
+between the Q2 nodes; the suffix of a path chooses PNG, SVG or PDF.
+"""
+
+import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.tri import LinearTriInterpolator, Triangulation
 
-if not os.environ.get("DISPLAY") and ctypes.util.find_library("OSMesa"):
-    # Without a screen VTK tries X first and complains: name the renderer that needs none.
-    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
-import pyvista
+from ..options import OptionError
+from .reading import ResultError
+from .result import QUANTITIES, Result
 
-from . import reading
+#: Formats of pictures and of movies.
+FORMATS, MOVIES = ("png", "svg", "pdf"), (".gif", ".mp4")
+COLOURS = "viridis"
+#: Inches of the longer side of a panel, and pixels an inch.
+SIDE, DPI = 5.5, 150
+#: Arrows along the longer side of a panel.
+ARROWS = 24
 
 
-def surface(coordinates, fields, closed=(False, False)):
-    """Return a pyvista grid of nodes ``coordinates`` (ny, nx, 2) with fields {name: (ny, nx)}.
+@dataclass(frozen=True)
+class Style:
+    """How fields are drawn.
 
-    ``closed`` says whether the last nodes along x1 and along x2 neighbour the first ones.
+    Attributes
+    ----------
+    limits : tuple of float, optional
+        Ends of the colour scale; the range of all that is drawn unless given.
+    log : bool
+        Whether the scale is logarithmic.
+    mesh, arrows, band : bool
+        Whether to draw the elements, the velocity, and the shear band with its angle and width.
+    outline : bool
+        Whether to draw where the material was at the start.
     """
-    extra = [(0, int(wrap)) for wrap in reversed(closed)]
-    coordinates = np.pad(coordinates, [*extra, (0, 0)], mode="wrap")
-    fields = {name: np.pad(values, extra, mode="wrap") for name, values in fields.items()}
-    ny, nx = coordinates.shape[:2]
-    grid = pyvista.StructuredGrid()
-    grid.points = np.concatenate([coordinates, np.zeros((ny, nx, 1))], axis=2).reshape(-1, 3)
-    grid.dimensions = nx, ny, 1
-    for name, values in fields.items():
-        grid[name] = np.asarray(values).ravel()
-    return grid
+
+    limits: tuple = None
+    log: bool = False
+    mesh: bool = False
+    arrows: bool = False
+    band: bool = False
+    outline: bool = True
 
 
-def draw(path, grid, name, limits, title, bar=""):
-    """Write a picture of the field ``name`` of a plane grid to ``path``, bar at the right."""
-    x0, x1, y0, y1, _, _ = grid.bounds
-    left, right, above = 40, 180, 60  # margins in pixels
-    pixel = max((x1 - x0) / 1200.0, (y1 - y0) / 880.0)
-    size = [int(round((x1 - x0) / pixel)) + left + right, int(round((y1 - y0) / pixel)) + 2 * above]
-    plotter = pyvista.Plotter(off_screen=True, window_size=size)
-    plotter.set_background("white")
-    plotter.add_mesh(grid, scalars=name, clim=limits, cmap="viridis", lighting=False,
-                     scalar_bar_args={"title": bar, "color": "black", "vertical": True,
-                                      "position_x": 1.0 - 0.85 * right / size[0],
-                                      "position_y": 0.25, "height": 0.5, "width": 40 / size[0],
-                                      "fmt": "%.1e", "n_labels": 5, "title_font_size": 22,
-                                      "label_font_size": 16})
-    plotter.add_text(title, position="upper_edge", font_size=10, color="black")
-    plotter.view_xy()
-    plotter.enable_parallel_projection()
-    centre = x0 + (size[0] / 2.0 - left) * pixel, (y0 + y1) / 2.0
-    plotter.camera.focal_point = (*centre, 0.0)
-    plotter.camera.position = (*centre, 1.0)
-    plotter.camera.parallel_scale = size[1] * pixel / 2.0
-    plotter.screenshot(str(path))
-    plotter.close()
+def label(result, name):
+    """Return how a quantity is labelled, with its unit."""
+    if name not in QUANTITIES:
+        return name
+    unit = result.unit(name)
+    return f"${QUANTITIES[name].symbol}$" + (f" ({unit.replace('|sigma_1|', SIGMA)})"
+                                             if unit else "")
+
+
+SIGMA = r"$|\sigma_1|$"
+
+
+def scale(values, style):
+    """Return the norm of the colours of arrays; raises `OptionError` where it cannot be."""
+    low, high = style.limits or (min(v.min() for v in values), max(v.max() for v in values))
+    if style.log:
+        if style.limits is None:
+            low = min((v[v > 0.0].min() for v in values if (v > 0.0).any()), default=0.0)
+        if not 0.0 < low < high:
+            raise OptionError(f"-log: the scale from {low:.3g} to {high:.3g} has no logarithm; "
+                              "give -limits")
+        return LogNorm(low, high)
+    return Normalize(low, high if high > low else low + max(abs(low), 1.0) * 1e-12)
+
+
+def draw(axes, snapshot, name, norm, style, values=None):
+    """Draw a quantity of a snapshot into axes; return what `Figure.colorbar` takes."""
+    result, closed = snapshot.result, snapshot.result.closed
+    values = snapshot[name] if values is None else values
+
+    def whole(field):
+        extra = [(0, int(wrap)) for wrap in closed[::-1]] + [(0, 0)] * (field.ndim - 2)
+        return np.pad(field, extra, mode="wrap")
+
+    x = whole(snapshot.x)
+    shown = whole(values)
+    if style.log:
+        shown = np.maximum(shown, norm.vmin)
+    drawn = axes.pcolormesh(x[..., 0], x[..., 1], shown, shading="gouraud", cmap=COLOURS,
+                            norm=norm, rasterized=True)
+    if style.mesh:
+        lines = [*x[::2], *np.moveaxis(x, 1, 0)[::2]]
+        axes.add_collection(LineCollection(lines, colors="0.5", linewidths=0.3))
+    if style.outline and result.case.moving:
+        outline(axes, result, snapshot)
+    if style.arrows:
+        step = max(1, max(x.shape[:2]) // ARROWS)
+        (x1, x2), (v1, v2) = (np.moveaxis(whole(field)[::step, ::step], -1, 0)
+                              for field in (snapshot.x, snapshot.stored("velocity")))
+        axes.quiver(x1, x2, v1, v2, color="white", edgecolor="black", linewidth=0.3, width=0.004)
+    if style.band:
+        band_line(axes, snapshot)
+    axes.set_aspect("equal")
+    axes.set_xlabel("$x_1$ (d)")
+    axes.set_ylabel("$x_2$ (d)")
+    axes.set_title(snapshot.label, fontsize=10)
+    return drawn
+
+
+def outline(axes, result, snapshot):
+    """Draw where the sides of the material were at the start."""
+    ny, nx = snapshot.x.shape[:2]
+    around = np.concatenate([
+        [(i, 0) for i in range(nx)], [(nx - 1, j) for j in range(ny)],
+        [(i, ny - 1) for i in reversed(range(nx))], [(0, j) for j in reversed(range(ny))]]).T
+    axes.plot(*result.case.coordinates(*around), color="0.4", linewidth=0.8, linestyle="--")
+
+
+def band_line(axes, snapshot):
+    """Draw the middle and the two edges of a shear band, with its angle and width."""
+    found = snapshot.band()
+    if found["angle"] is None:
+        axes.text(0.5, 0.02, "no band crosses", transform=axes.transAxes, ha="center", fontsize=8)
+        return
+    x = snapshot.x[..., 0]
+    ends = np.array([x.min(), x.max()])
+    angle = np.radians(found["angle"])
+    middle = found["position"] + np.tan(angle) * (ends - ends.mean())
+    apart = found["width"] / (2.0 * np.cos(angle))
+    axes.plot(ends, middle, color="white", linewidth=1.2)
+    for edge in (-apart, apart):
+        axes.plot(ends, middle + edge, color="white", linewidth=0.8, linestyle="--")
+    axes.text(0.5, 0.02, f"{found['angle']:.1f}° $\\pm$ {found['angle_error']:.1f}°, "
+              f"{found['width']:.1f} $\\pm$ {found['width_error']:.1f} d", transform=axes.transAxes,
+              ha="center", fontsize=8, bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0})
+
+
+def panels(chosen, name, style):
+    """Return a figure of snapshots side by side on one scale.
+
+    Parameters
+    ----------
+    chosen : list of pgran.output.result.Snapshot
+    name : str
+        The quantity.
+    style : Style
+    """
+    fields = [snapshot[name] for snapshot in chosen]
+    norm = scale(fields, style)
+    spans = [np.ptp(snapshot.x.reshape(-1, 2), axis=0) for snapshot in chosen]
+    unit = SIDE / max(max(span) for span in spans)
+    wide = [max(span[0] * unit, 1.2) for span in spans]
+    figure = Figure(figsize=(sum(wide) + 0.9 * len(wide) + 1.3,
+                             max(span[1] for span in spans) * unit + 1.1),
+                    layout="constrained", dpi=DPI)
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, len(chosen), squeeze=False, width_ratios=wide)[0]
+    for ax, snapshot, values in zip(axes, chosen, fields):
+        drawn = draw(ax, snapshot, name, norm, style, values)
+    if len({snapshot.result.path for snapshot in chosen}) > 1:
+        for ax, snapshot in zip(axes, chosen):
+            ax.set_title(f"{snapshot.result.path.stem}\n{snapshot.label}", fontsize=9)
+    figure.colorbar(drawn, ax=list(axes), label=label(chosen[0].result, name), shrink=0.8)
+    return figure
+
+
+def pictures(path, name="inertial_number", style=Style(limits=None), suffix=".png", which=None):
+    """Draw each snapshot of a result beside it, NAME_0000.png and so on, on one colour scale.
+
+    Parameters
+    ----------
+    path : str or Path
+    name : str
+        The quantity; if it is not I, the pictures are NAME_quantity_0000.png.
+    style : Style
+    suffix : str
+    which : int, optional
+        Only this snapshot; negative numbers count from the end.
+
+    Raises
+    ------
+    ResultError, OptionError
+        Where there is nothing to draw.
+    """
+    result, written = Result(path), []
+    chosen = snapshots_of(result, which)
+    norm = scale([snapshot[name] for snapshot in result.snapshots], style)
+    style = Style(**{**vars(style), "limits": (norm.vmin, norm.vmax)})
+    more = "" if name == "inertial_number" else f"_{name}"
+    for snapshot in chosen:
+        target = result.path.with_name(f"{result.path.stem}{more}_{snapshot.name}{suffix}")
+        panels([snapshot], name, style).savefig(target)
+        written.append(target)
+    return written
+
+
+def snapshots_of(result, which):
+    """Return the snapshots that are asked for, a list; ``which`` None means all of them."""
+    count = len(result.snapshots)
+    if not count:
+        raise ResultError(result.path, "it holds 0 snapshots")
+    if which is None:
+        return result.snapshots
+    if not -count <= which < count:
+        raise OptionError(f"-snapshot {which}: {result.path} holds {count} snapshots")
+    return [result.snapshots[which]]
 
 
 def field(path, snapshot, name, title):
-    """Draw a scalar field of a snapshot beside the file, NAME.png; return the path."""
-    target = Path(path).with_suffix(".png")
-    with reading.opened(path, snapshots=1) as file:
-        grid = surface(reading.field_of(file, snapshot, "coordinates"),
-                       {name: reading.field_of(file, snapshot, name)},
-                       file.attrs.get("closed", (False, False)))
-    draw(target, grid, name, (grid[name].min(), grid[name].max()), title, bar=name)
+    """Draw a field of a snapshot beside the file, NAME.png; return the path."""
+    result = Result(path)
+    chosen = next(found for found in result.snapshots if found.name == snapshot)
+    figure = panels([chosen], name, Style(outline=False))
+    figure.axes[0].set_title(title, fontsize=10)
+    target = result.path.with_suffix(".png")
+    figure.savefig(target)
     return target
 
 
-def pictures(path):
-    """Draw every snapshot of a result file; return the paths of the pictures.
+def along_line(snapshot, name, ends, points=400):
+    """Return distances (points,) along a line and a quantity there, not a number outside.
 
-    Raises `pgran.output.reading.ResultError` where the file is not one of pgran's.
+    ``ends`` = x1, x2 of the first point and x1, x2 of the last one, d.
     """
-    path, written = Path(path), []
-    with reading.opened(path, snapshots=1) as file:
-        fields = {name: reading.field_of(file, name, "inertial_number")
-                  for name in sorted(file["snapshots"])}
-        closed = file.attrs.get("closed", (False, False))
-        largest = max(I.max() for I in fields.values())
-        for name, I in fields.items():
-            target = path.with_name(f"{path.stem}_{name}.png")
-            grid = surface(reading.field_of(file, name, "coordinates"), {"I": I}, closed)
-            label = file["snapshots"][name].attrs.get("label", "")
-            draw(target, grid, "I", (0.0, largest), f"inertial number at {label}")
-            written.append(target)
-    return written
+    first, last = np.reshape(ends, (2, 2))
+    share = np.linspace(0.0, 1.0, points)
+    at = first + share[:, None] * (last - first)
+    ny, nx = snapshot.x.shape[:2]
+    j, i = (index.ravel() for index in np.mgrid[:ny - 1, :nx - 1])
+    a, b, c, d = j * nx + i, j * nx + i + 1, (j + 1) * nx + i + 1, (j + 1) * nx + i
+    mesh = Triangulation(*snapshot.x.reshape(-1, 2).T, np.concatenate(
+        [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]))
+    found = LinearTriInterpolator(mesh, snapshot[name].ravel())(*at.T)
+    return share * np.hypot(*(last - first)), found.filled(np.nan)
+
+
+def profiles(results, name, ends, target, which=-1):
+    """Draw a quantity along a line, one curve for each result."""
+    figure, (axes,) = curves_figure("distance along the line (d)", [label(results[0], name)])
+    for result in results:
+        for snapshot in snapshots_of(result, which):
+            distance, values = along_line(snapshot, name, ends)
+            axes.plot(distance, values, label=f"{result.path.stem}, {snapshot.label}")
+    axes.set_title("({:g}, {:g}) to ({:g}, {:g}) d".format(*ends), fontsize=10)
+    axes.legend(fontsize=8)
+    figure.savefig(target)
+    return [Path(target)]
+
+
+def curves(results, names, target):
+    """Draw columns of the history against how far the run was: a panel for each, a curve a file."""
+    counted = results[0].case.counted_by
+    for result in results:
+        for column in (*names, counted):
+            if column not in result.history:
+                raise OptionError(f"-history {column}: {result.path} has "
+                                  + ", ".join(sorted(result.history)))
+    figure, planes = curves_figure(
+        counted if counted != "time" else r"time ($1/\dot\gamma_0$)", names)
+    for axes, name in zip(planes, names):
+        for result in results:
+            axes.plot(result.history[counted], result.history[name], label=result.path.stem)
+    planes[0].legend(fontsize=8)
+    figure.savefig(target)
+    return [Path(target)]
+
+
+def curves_figure(across, up):
+    """Return a figure with a plane of curves for each label ``up``, and its axes, a list."""
+    figure = Figure(figsize=(6.4, 1.4 + 2.8 * len(up)), layout="constrained", dpi=DPI)
+    FigureCanvasAgg(figure)
+    planes = figure.subplots(len(up), sharex=True, squeeze=False)[:, 0]
+    for axes, text in zip(planes, up):
+        axes.set_ylabel(text)
+        axes.grid(alpha=0.3)
+    planes[-1].set_xlabel(across)
+    return figure, list(planes)
+
+
+def movie(result, name, style, target, rate=8):
+    """Draw all snapshots as a movie, GIF or MP4; MP4 needs ffmpeg.
+
+    Raises `OptionError` for other suffixes, without ffmpeg, and for fewer than two snapshots.
+    """
+    target = Path(target)
+    if target.suffix not in MOVIES:
+        raise OptionError(f"-movie {target}: allowed are files {' or '.join(MOVIES)}")
+    if target.suffix == ".mp4" and not shutil.which("ffmpeg"):
+        raise OptionError(f"-movie {target}: there is no ffmpeg; {target.with_suffix('.gif')} "
+                          "needs none")
+    if len(result.snapshots) < 2:
+        raise OptionError(f"-movie {target}: {result.path} holds {len(result.snapshots)} snapshots;"
+                          " a movie needs two, and better fifty, which @@pgran_snapshots asks for")
+    norm = scale([snapshot[name] for snapshot in result.snapshots], style)
+    tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.x[..., 1]))
+    figure = panels([tallest], name, Style(**{**vars(style), "limits": (norm.vmin, norm.vmax)}))
+    axes = figure.axes[0]
+    every = np.concatenate([snapshot.x.reshape(-1, 2) for snapshot in result.snapshots])
+    low, high = every.min(axis=0), every.max(axis=0)
+
+    def frame(number):
+        axes.clear()
+        draw(axes, result.snapshots[number], name, norm, style)
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+
+    from matplotlib import animation
+
+    frames = animation.FuncAnimation(figure, frame, frames=len(result.snapshots))
+    writer = animation.PillowWriter if target.suffix == ".gif" else animation.FFMpegWriter
+    frames.save(target, writer=writer(fps=rate), dpi=100)
+    return [target]
+
+
+def window(snapshot, name):
+    """Show a snapshot in an interactive window of pyvista; raises `OptionError` without display."""
+    import os
+
+    import pyvista
+
+    if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
+        raise OptionError("-show: there is no display; without -show pictures are written")
+    plotter = pyvista.Plotter(title=str(snapshot.result.path))
+    plotter.add_mesh(snapshot.grid(name).tessellate(), scalars=name, cmap=COLOURS,
+                     scalar_bar_args={"title": name})
+    plotter.view_xy()
+    plotter.show()
+    return []
+
+
+matplotlib.rcParams["svg.fonttype"] = "none"  # text of an SVG stays text

@@ -1,0 +1,336 @@
+"""A result as arrays: what a run wrote, and what follows from it; numpy and h5py only.
+
+`pgran.open` returns a `Result`: ``result.options``, ``result.history`` and ``result.snapshots``. A
+snapshot gives fields on the Q2 nodes by name, those of the file and those of `QUANTITIES`, and a
+pyvista grid of Q2 elements.
+"""
+
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .. import cases
+from ..options import PREFIX, ParameterError
+from ..space.element import NODES
+from . import band
+from .reading import ResultError, field_of, opened, stored_parameters
+
+#: Order of the nodes of VTK's biquadratic quadrilateral, as places among those of an element.
+VTK_NODES = 0, 2, 8, 6, 1, 5, 7, 3, 4
+
+
+class Quantity(NamedTuple):
+    """A field that a snapshot can give.
+
+    ``symbol`` is for labels, in the mathematical notation of matplotlib; ``unit`` may name the
+    stress unit of the case; ``of(snapshot)`` computes it, (ny, nx).
+    """
+
+    symbol: str
+    unit: str
+    meaning: str
+    of: object
+
+
+def _stored(name):
+    return lambda snapshot: snapshot.stored(name)
+
+
+def _part(name, place):
+    return lambda snapshot: snapshot.stored(name)[..., place]
+
+
+def _stress(place, pressure):
+    return lambda snapshot: (snapshot.stored("deviator")[..., place]
+                             - pressure * snapshot.stored("pressure"))
+
+
+def _speed(snapshot):
+    return np.hypot(*np.moveaxis(snapshot.stored("velocity"), -1, 0))
+
+
+def _strain_rate(snapshot):
+    (l11, l12), (l21, l22) = snapshot.velocity_gradient
+    return np.sqrt(2.0 * (l11**2 + l22**2) + (l12 + l21)**2)
+
+
+def _spin(snapshot):
+    gradient = snapshot.velocity_gradient
+    return (gradient[1][0] - gradient[0][1]) / 2.0
+
+
+def _strain(snapshot):
+    """The logarithm of the ratio of the principal stretches: ln(l1/l2), l1 + l2 and l1 l2 known."""
+    (f11, f12), (f21, f22) = snapshot.deformation_gradient
+    squares, area = f11**2 + f12**2 + f21**2 + f22**2, f11 * f22 - f12 * f21
+    return np.arccosh(np.maximum(squares / (2.0 * area), 1.0))
+
+
+def _volume_change(snapshot):
+    (f11, f12), (f21, f22) = snapshot.deformation_gradient
+    return f11 * f22 - f12 * f21 - 1.0
+
+
+def _above_yield(snapshot):
+    ratio = snapshot.result.case.law.yield_ratio
+    if ratio is None:
+        raise ResultError(snapshot.result.path, "its law has no yield value; there is no "
+                          "above_yield")
+    return snapshot.stored("stress_ratio") - ratio
+
+
+#: All quantities by name. Gradients at a node are means over its elements.
+QUANTITIES = {
+    "inertial_number": Quantity("I", "", "inertial number", _stored("inertial_number")),
+    "fluidity": Quantity("g", r"$\dot\gamma_0$", "fluidity", _stored("fluidity")),
+    "pressure": Quantity("P", "stress", "pressure", _stored("pressure")),
+    "stress_ratio": Quantity(r"\mu", "", "stress ratio tau/P", _stored("stress_ratio")),
+    "above_yield": Quantity(r"\mu - \mu_s", "", "distance to yield", _above_yield),
+    "speed": Quantity("|v|", r"$d\,\dot\gamma_0$", "size of the velocity", _speed),
+    "velocity_1": Quantity("v_1", r"$d\,\dot\gamma_0$", "velocity along x1", _part("velocity", 0)),
+    "velocity_2": Quantity("v_2", r"$d\,\dot\gamma_0$", "velocity along x2", _part("velocity", 1)),
+    "strain_rate": Quantity(r"\dot\gamma", r"$\dot\gamma_0$", "equivalent shear rate sqrt(2 D:D)",
+                            _strain_rate),
+    "spin": Quantity(r"\omega", r"$\dot\gamma_0$", "spin (d v2/d x1 - d v1/d x2)/2", _spin),
+    "strain": Quantity(r"\gamma", "", "equivalent shear strain since the start, ln(l1/l2) of the "
+                       "principal stretches", _strain),
+    "volume_change": Quantity("J - 1", "", "change of volume since the start", _volume_change),
+    "stress_11": Quantity(r"\sigma_{11}", "stress", "stress, tension positive", _stress(0, 1.0)),
+    "stress_22": Quantity(r"\sigma_{22}", "stress", "stress, tension positive", _stress(1, 1.0)),
+    "stress_12": Quantity(r"\sigma_{12}", "stress", "stress, tension positive", _stress(2, 0.0)),
+}
+
+
+class Result:
+    """What a run wrote, read when it is made; snapshots are read when they are asked for.
+
+    Parameters
+    ----------
+    path : str or Path
+        The HDF5 file, which may still be written.
+
+    Attributes
+    ----------
+    attributes : dict
+        Root attributes: versions, scales, and what the run took if it has ended.
+    parameters : pgran.options.Parameters
+        The resolved options.
+    options : dict
+        The same, {name: value}, without the prefix.
+    history : dict
+        {name: ndarray (steps,)}, one entry for each accepted step.
+    snapshots : list of Snapshot
+
+    Raises
+    ------
+    ResultError
+        If it is not a result of pgran.
+    """
+
+    def __init__(self, path):
+        self.path = Path(path)
+        with opened(path) as file:
+            self.attributes = dict(file.attrs)
+            self.parameters = stored_parameters(file)
+            self.history = {name: data[...] for name, data in file.get("history", {}).items()}
+            self.snapshots = [Snapshot(self, name, dict(group.attrs))
+                              for name, group in sorted(file["snapshots"].items())]
+        self.options = {row.name: getattr(self.parameters, row.name)
+                        for row in self.parameters.rows}
+
+    def __repr__(self):
+        end = "complete" if self.complete else "not complete"
+        return (f"<{self.path}: {self.parameters.case}, {self.parameters.model}, "
+                f"{len(self.snapshots)} snapshots, {end}>")
+
+    @property
+    def complete(self):
+        """Whether the run came to its end."""
+        return bool(self.attributes.get("complete", False))
+
+    @cached_property
+    def case(self):
+        """The `pgran.cases.Case` that was solved; raises `ResultError` where it is not found."""
+        try:
+            return cases.create(self.parameters)
+        except ParameterError as problem:
+            raise ResultError(self.path, f"its case cannot be made ({problem})") from None
+
+    @property
+    def closed(self):
+        """Whether the last nodes along x1 and x2 neighbour the first ones."""
+        return tuple(map(bool, self.attributes.get("closed", (False, False))))
+
+    def unit(self, name):
+        """Return the unit of a quantity of `QUANTITIES`, empty where it has none."""
+        unit = QUANTITIES[name].unit
+        return self.case.stress_unit if unit == "stress" else unit
+
+
+class Snapshot:
+    """The fields of one moment, on the Q2 nodes (ny, nx); x1 runs along the last axis.
+
+    Attributes
+    ----------
+    result : Result
+    name : str
+        Of its group in the file.
+    attributes : dict
+        Such as ``time`` (1/gdot0) and ``label``.
+    """
+
+    def __init__(self, result, name, attributes):
+        self.result, self.name, self.attributes = result, name, attributes
+        self._read = {}
+
+    def __repr__(self):
+        return f"<snapshot {self.name} of {self.result.path}: {self.label}>"
+
+    @property
+    def time(self):
+        """Time, 1/gdot0."""
+        return float(self.attributes["time"])
+
+    @property
+    def label(self):
+        """Where in the run it is, in words."""
+        return str(self.attributes.get("label", ""))
+
+    def stored(self, name):
+        """Return a field of the file, (ny, nx, ...); raises `ResultError` where there is none."""
+        if name not in self._read:
+            with opened(self.result.path) as file:
+                self._read[name] = field_of(file, self.name, name)
+        return self._read[name]
+
+    def __getitem__(self, name):
+        """Return a quantity of `QUANTITIES`, or any other field of the file."""
+        return QUANTITIES[name].of(self) if name in QUANTITIES else self.stored(name)
+
+    @property
+    def x(self):
+        """Coordinates of the nodes, (ny, nx, 2), d."""
+        return self.stored("coordinates")
+
+    @cached_property
+    def velocity_gradient(self):
+        """(2, 2, ny, nx): d v_i/d x_j, that of a base flow included, gdot0."""
+        base = np.reshape(self.result.case.base_gradient, (2, 2, 1, 1))
+        return self._gradient(self.stored("velocity"), self.x) + base
+
+    @cached_property
+    def deformation_gradient(self):
+        """(2, 2, ny, nx): d x_i/d X_j since the start; raises `ResultError` on a fixed mesh."""
+        case = self.result.case
+        if not case.moving:
+            raise ResultError(self.result.path, "its mesh does not move with the material; there "
+                              "is no strain since the start")
+        ny, nx = self.x.shape[:2]
+        j, i = (index.ravel() for index in np.mgrid[:ny, :nx])
+        start = np.moveaxis(case.coordinates(i, j).reshape(2, ny, nx), 0, -1)
+        return self._gradient(self.x, start)
+
+    def _gradient(self, values, x):
+        """Gradient (k, 2, ny, nx) of fields (ny, nx, k) on nodes ``x`` (ny, nx, 2)."""
+        (x_1, x_2), (y_1, y_2) = (
+            [nodal_slope(x[..., k], axis, self.result.closed[1 - axis]) for axis in (1, 0)]
+            for k in range(2))
+        area = x_1 * y_2 - x_2 * y_1
+        found = []
+        for field in np.moveaxis(values, -1, 0):
+            along, up = (nodal_slope(field, axis, self.result.closed[1 - axis]) for axis in (1, 0))
+            found.append([(along * y_2 - up * y_1) / area, (up * x_1 - along * x_2) / area])
+        return np.array(found)
+
+    def band(self):
+        """Return what `pgran.output.band.band` measures, a dictionary."""
+        return band.band(self.x, self["inertial_number"])
+
+    def grid(self, *names):
+        """Return a pyvista UnstructuredGrid of Q2 elements with quantities at the nodes.
+
+        All fields of the file unless ``names`` are given. Vectors and tensors get their zeros.
+        """
+        import pyvista
+
+        elements = q2_elements(self.x.shape[:2], self.result.closed)
+        cells = np.hstack([np.full((len(elements), 1), NODES), elements])
+        points = np.pad(self.x.reshape(-1, 2), ((0, 0), (0, 1)))
+        grid = pyvista.UnstructuredGrid(
+            cells.ravel(), np.full(len(cells), pyvista.CellType.BIQUADRATIC_QUAD), points)
+        for name in names or self.names:
+            values = self[name]
+            flat = values.reshape(len(points), -1)
+            grid[name] = flat.ravel() if flat.shape[1] == 1 else (
+                np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1] == 2 else flat)
+        return grid
+
+    @cached_property
+    def names(self):
+        """The fields of the file besides the coordinates, a tuple of names."""
+        with opened(self.result.path) as file:
+            return tuple(name for name in file["snapshots"][self.name] if name != "coordinates")
+
+
+def nodal_slope(values, axis, closed=False):
+    """Return the slope of a Q2 field along its nodes, for each step from node to node.
+
+    Parameters
+    ----------
+    values : ndarray, (ny, nx)
+    axis : int
+    closed : bool
+        Whether the last node neighbours the first one.
+
+    Returns
+    -------
+    ndarray, (ny, nx)
+        That of the parabolas; between two elements their mean.
+    """
+    f = np.moveaxis(values, axis, 0)
+    if closed:
+        f = np.concatenate([f[-2:], f, f[:2]])
+    inner = (f[2:] - f[:-2]) / 2.0
+    bend = f[2:] - 2.0 * f[1:-1] + f[:-2]
+    slope = np.empty_like(f)
+    slope[1:-1] = inner
+    # The parabola through three nodes has the slope inner - bend at the first, inner + bend at the
+    # last of them; elements begin at even nodes.
+    shared = slope[2:-2:2]
+    shared[...] = ((inner + bend)[::2][:len(shared)] + (inner - bend)[2::2][:len(shared)]) / 2.0
+    slope[0], slope[-1] = (inner - bend)[0], (inner + bend)[-1]
+    return np.moveaxis(slope[2:-2] if closed else slope, 0, axis)
+
+
+def q2_elements(shape, closed=(False, False)):
+    """Return the nodes (n, 9) of the Q2 elements on ``shape`` = (ny, nx) nodes, in VTK's order.
+
+    ``closed`` says whether the last nodes along x1 and x2 neighbour the first ones. On a grid that
+    is periodic without being closed in space the last elements have no end and are left out.
+    """
+    ny, nx = shape
+    wide, high = (n // 2 if wrap else (n - 1) // 2 for n, wrap in zip((nx, ny), closed))
+    j, i = (2 * index.ravel() for index in np.mgrid[:high, :wide])
+    rows = [(j + up) % ny for up in range(3)]
+    columns = [(i + along) % nx for along in range(3)]
+    nodes = np.stack([row * nx + column for row in rows for column in columns], axis=1)
+    return nodes[:, VTK_NODES]
+
+
+def options_of(values):
+    """Return the words of a command line that give options, from {name: value}.
+
+    A name is that of an option of pgran without its prefix; one that begins with a dash is given as
+    it is, such as ``{"-snes_atol": 1e-6}``.
+    """
+    words = []
+    for name, value in values.items():
+        word = name if name.startswith("-") else f"-{PREFIX}{name}"
+        if isinstance(value, (bool, np.bool_)):
+            value = str(bool(value)).lower()
+        elif isinstance(value, (list, tuple, np.ndarray)):
+            value = ",".join(map(str, value))
+        words += [word, str(value)]
+    return words
