@@ -149,7 +149,8 @@ class Run:
         if not self.writer.begun:
             if tried:
                 report_unread(self.form.grid.comm)
-            self.writer.begin(self.source, solver_options=solver_options(self.added))
+            self.writer.begin(self.source, solver_options=solver_options(self.added),
+                              begun=time.time() - self.seconds())
             if self.writer.kept:
                 self.terminal.say(f"  an earlier {self.writer.path} is kept as {self.writer.kept}")
 
@@ -173,6 +174,9 @@ class Run:
                 self.writer.snapshot(driver.state.time, driver.fields())
             if not self.steady and self.due():
                 self.checkpoint()
+            every = self.parameters.picture_every
+            if every and driver.ts.getStepNumber() % every == 0:
+                self.picture()
 
     # Checkpoints
 
@@ -212,7 +216,22 @@ class Run:
             return f"@restart {self.writer.path} seeks the steady flow from there"
         return "there is nothing to go on from: start it again"
 
+    # Pictures of a run
+
+    def picture(self):
+        """Draw the inertial number of the last state beside the result file, on rank 0."""
+        from .output import live
+
+        live.picture(self.writer, self.driver)
+
     # The end
+
+    def next_command(self):
+        """Return what one would type after a run, besides drawing it."""
+        path = self.writer.path
+        if self.steady or not self.case.moving:
+            return f"python -m pgran.eigen -pgran_restart {path}"
+        return f"python -m pgran.measure {path}"
 
     def stop(self, interrupted):
         """Keep what a run has that cannot or shall not go on."""
@@ -246,7 +265,7 @@ class Run:
         elif not whole:
             terminal.say(f"  stopped by PETSc's options at {self.case.label(driver.state.time)} of "
                          f"{self.case.label(self.case.targets[-1])}")
-        terminal.closing(self.writer, cost)
+        terminal.closing(self.writer, cost, self.next_command())
 
 
 if __name__ == "__main__":

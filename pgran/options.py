@@ -245,6 +245,8 @@ RUN = (
            "unless given", low=1, changeable=True),
     positive("checkpoint_minutes", 10.0, "min", "write a checkpoint after this many minutes; one "
              "is also written at the end of a run, and when it is stopped", changeable=True),
+    Option("picture_every", "int", None, "", "draw the inertial number after each of so many "
+           "steps, NAME_step0040.png and so on; needs matplotlib", low=1, changeable=True),
     Option("seed", "str", None, "", "file of a mode, as pgran.eigen writes it; the run starts from "
            "the flow that the mode was found about, plus the mode: the reference flow, or a "
            "snapshot of a fixed mesh"),

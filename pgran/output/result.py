@@ -205,6 +205,10 @@ class Snapshot:
                 self._read[name] = field_of(file, self.name, name)
         return self._read[name]
 
+    def keep(self, fields):
+        """Take fields, {name: (ny, nx, ...)}, in place of those of the file."""
+        self._read.update(fields)
+
     def __getitem__(self, name):
         """Return a quantity of `QUANTITIES`, or any other field of the file."""
         return QUANTITIES[name].of(self) if name in QUANTITIES else self.stored(name)

@@ -5,6 +5,7 @@ import time
 from petsc4py import PETSc
 
 from .. import __version__
+from . import pace
 
 
 class Terminal:
@@ -22,7 +23,7 @@ class Terminal:
         self.shown = comm.rank == 0 and detail != "quiet"
         self.detail, self.comm = detail, comm
         self.start = self.last = time.monotonic()
-        self._mark = None
+        self._mark, self._done, self._spent = None, [], []
 
     def say(self, text):
         """Print ``text`` on rank 0 unless the run is quiet."""
@@ -54,20 +55,29 @@ class Terminal:
         """
         now = time.monotonic()
         mark = int(50 * done)
+        self._done.append(done)
+        self._spent.append(now - self.start)
         if self.detail == "brief" and mark == self._mark and now - self.last < 30.0:
             return
         self._mark, self.last = mark, now
-        left = (f"  {(now - self.start) * max(1.0 - done, 0.0) / done:4.0f} s left"
-                if done > 0.0 else "")
+        seconds = pace.left(self._done, self._spent)
+        left = "" if seconds is None else f"  {pace.words(seconds):>6} left"
         self.say(f"  {text}  step {number:4d}  dt {report['step_size']:.2e}  "
                  f"Newton {report['newton_iterations']:2d}  "
                  f"linear {report['linear_iterations']:4d}  "
                  f"I {report['inertial_number_min']:.2e} to {report['inertial_number_max']:.2e}"
                  f"{left}")
 
-    def closing(self, writer, cost):
-        """Say what the run took, as `Driver.cost` and more tell, and where its results are."""
+    def closing(self, writer, cost, further):
+        """Say what the run took, where its results are, and which commands one would type next.
+
+        ``cost`` is that of `Driver.cost` and more; ``further`` is the second of the commands.
+        """
+        path = writer.path
         self.say(f"  {cost['steps']} steps ({cost['steps_repeated']} repeated smaller), "
                  f"{cost['newton_iterations']} Newton and {cost['linear_iterations']} linear "
                  f"iterations, {cost['seconds']:.1f} s, {cost['memory']:.0f} MB\n"
-                 f"  results: {writer.path}, {writer.path.with_suffix('.xdmf')}")
+                 f"  results: {path}, {path.with_suffix('.xdmf')}\n"
+                 f"  next: python -m pgran.plot {path}\n"
+                 f"        {further}\n"
+                 f"        python -c 'import pgran; print(pgran.open(\"{path}\").history)'")

@@ -26,7 +26,8 @@ from ..signals import SIGNALS
 #: Ranks of a run unless a study says otherwise.
 RANKS = int(os.environ.get("PGRAN_RANKS", 2))
 #: Rows that do not change a result. The files of restart and seed are compared by their age.
-IGNORED = "output", "progress", "restart", "seed", "checkpoint_steps", "checkpoint_minutes"
+IGNORED = ("output", "progress", "restart", "seed", "checkpoint_steps", "checkpoint_minutes",
+           "picture_every")
 #: Seconds that a process has to end itself and its ranks.
 GRACE = 10.0
 #: What a user may choose for Open MPI.

@@ -1,0 +1,71 @@
+"""Whoever watches a run is told how far it is, and how long it will still take."""
+
+import shlex
+
+import numpy as np
+import pytest
+from conftest import pgran as run_pgran, run_ranks
+
+from pgran import watch
+from pgran.output import pace
+from pgran.output.result import Result
+
+SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.002)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    """A run that was stopped halfway, and drew pictures of two steps."""
+    path = tmp_path_factory.mktemp("watch") / "small.h5"
+    run_pgran(2, "biaxial.opts", path, *SMALL, "-ts_max_steps", 8, "-pgran_picture_every", 4)
+    return path
+
+
+@pytest.mark.parametrize("power", [0.5, 0.7, 1.0])
+def test_the_time_left_is_right_within_a_factor_of_two_from_the_first_tenth_on(power):
+    """Over the paces of the runs at hand: seconds grow as a power of the share that is done."""
+    done = np.linspace(0.0, 1.0, 200)[1:]**(1.0 / power)
+    spent = 300.0 * done**power
+    for count in range(np.searchsorted(done, 0.1) + 1, len(done)):
+        found, true = pace.left(done[:count], spent[:count]), spent[-1] - spent[count - 1]
+        assert 0.5 * true < found < 2.0 * true
+
+
+def test_before_three_steps_nobody_can_tell():
+    assert pace.left([0.1, 0.2], [1.0, 2.0]) is None and pace.left([0.2] * 4, [1.0] * 4) is None
+
+
+def test_durations_are_words():
+    assert [pace.words(s) for s in (7.2, 600.0, 9000.0)] == ["7 s", "10 min", "2.5 h"]
+
+
+def test_a_curve_of_text_has_its_points_and_scales():
+    lines = watch.curve(np.arange(5.0), np.arange(5.0)**2, (17, 5))
+    assert [line.find("*") for line in lines[:5]] == [28, -1, 24, 20, 12]
+    assert lines[0].strip().startswith("16 |") and lines[4].strip().startswith("0 |")
+
+
+def test_watching_tells_what_the_file_holds(path, capsys):
+    assert watch.main([str(path), "-once"]) == 0
+    text = capsys.readouterr().out
+    steps = len(Result(path).history["time"])
+    assert f"step {steps}," in text and "so far, some" in text and "*" in text
+    assert watch.main([str(path), "-once", "-column", "nosuch"]) == 1
+    assert "-column nosuch" in capsys.readouterr().err
+
+
+def test_a_run_draws_pictures_on_its_way(path):
+    names = sorted(picture.name for picture in path.parent.glob("*.png"))
+    assert names == ["small_step0004.png", "small_step0008.png"]
+    from matplotlib.image import imread
+    image = imread(path.parent / names[1])
+    assert len(np.unique(image.reshape(-1, image.shape[2]), axis=0)) > 10
+
+
+def test_a_run_ends_with_the_commands_that_one_would_type_next(tmp_path):
+    output = tmp_path / "r.h5"
+    text = run_pgran(0, "biaxial.opts", output, *SMALL, "-ts_max_steps", 2).stdout
+    last = [line.split("next:")[-1].strip() for line in text.splitlines()[-3:]]
+    assert last[:2] == [f"python -m pgran.plot {output}", f"python -m pgran.measure {output}"]
+    for command in last:
+        run_ranks(0, *shlex.split(command)[1:])
