@@ -16,3 +16,20 @@ def open(path):
     from .output.result import Result
 
     return Result(path)
+
+
+def run(output=None, **options):
+    """Run pgran and return its result, as `pgran.studies.sweep.run` says.
+
+    ``pgran.run(inertial_number=0.003, ranks=2)`` runs the specimen on two ranks.
+    """
+    from .studies import sweep as runs
+
+    return runs.run(output, **options)
+
+
+def sweep(parameters, **common):
+    """Run pgran for each point of {name: values}, as `pgran.studies.sweep.sweep` says."""
+    from .studies import sweep as runs
+
+    return runs.sweep(parameters, **common)

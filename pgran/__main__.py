@@ -30,6 +30,10 @@ from .cli import (  # noqa: E402
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
+    if "-doctor" in arguments:  # which must work where PETSc does not
+        from . import doctor
+
+        return doctor.main()
     asked = ASKED or Signals()
     return start(arguments, lambda parameters, own, comm: run(parameters, comm, asked), __doc__,
                  complete=complete)

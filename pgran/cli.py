@@ -535,6 +535,8 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
         message = error.as_option()
     except (ValueError, OSError, KeyError) as error:
         message = str(error)
+    except ImportError as error:
+        message = f"{error}; pictures and grids need pip install 'pgran[plot]'"
     except ArithmeticError as error:
         if not extreme(texts):
             raise

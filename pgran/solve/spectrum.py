@@ -291,9 +291,12 @@ def write_mode(path, form, rate, mode):
 
 
 def draw_mode(writer, name, title):
-    """Draw the field ``name`` of a mode on rank 0; return the picture's path. Collective."""
+    """Draw the field ``name`` of a mode on rank 0; return what to say of it. Collective."""
     def picture():
-        from ..output import pictures
+        try:
+            from ..output import pictures
+        except ImportError as problem:
+            return f"no picture, as there is {str(problem).lower()} (pip install 'pgran[plot]')"
 
         return pictures.field(writer.path, "0000", name, title)
 

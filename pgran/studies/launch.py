@@ -149,11 +149,11 @@ def parsed(tokens):
 
 
 def given(options_file, *options):
-    """Return {name: text} of an options file and of options that win over it.
+    """Return {name: text} of an options file (None: of none) and of options that win over it.
 
     Raises `pgran.options.OptionError` where the file cannot be read.
     """
-    return {**read_file(options_file), **parsed(options)}
+    return {**(read_file(options_file) if options_file else {}), **parsed(options)}
 
 
 def asked(options_file, *options):
@@ -197,7 +197,7 @@ def attributes(path, options_file, options=()):
     ----------
     path : str or Path
         The result file.
-    options_file : str or Path
+    options_file : str or Path or None
     options : sequence
         Further options as on the command line, which win over the file.
     """
@@ -234,7 +234,7 @@ def run(path, options_file, *options, ranks=None, needed=True):
     path, options_file, *options
         As for `done`.
     ranks : int, optional
-        `RANKS` unless given.
+        `RANKS` unless given; 0 runs without mpiexec.
     needed : bool
         Whether a failure is an error; otherwise None is returned.
 
@@ -248,7 +248,8 @@ def run(path, options_file, *options, ranks=None, needed=True):
     else:
         begun = attributes(path, options_file, options) is not None and checkpoints_of(path)
         again = ("-pgran_restart", path) if begun else ()
-        failed = python(ranks or RANKS, "-m", "pgran", "-options_file", options_file, *options,
+        file = ("-options_file", options_file) if options_file else ()
+        failed = python(RANKS if ranks is None else ranks, "-m", "pgran", *file, *options,
                         "-pgran_output", path, *again, check=False).returncode
         if failed == STOPPED:
             raise Interrupted(f"{path}: the run was stopped; the same command goes on")

@@ -1,0 +1,108 @@
+"""Hours and memory of a run: pgran-budget -options_file options/biaxial.opts -ranks 32 [options]
+
+    python -m pgran.budget -options_file options/biaxial.opts -pgran_element_size 0.25 -ranks 16
+    python -m pgran.budget -options_file options/li.opts -pgran_element_size 0.5
+
+The estimate is that of docs/performance.md: what a Newton iteration and an unknown took in the runs
+at hand, times how many there will be. It holds within a factor of two for the specimen, with the
+solvers of options/biaxial.opts and of options/direct.opts or options/li.opts. For other cases give
+the number of Newton iterations. An hour of slack is what a batch system should be asked for.
+"""
+
+import sys
+from typing import NamedTuple
+
+from . import cases
+from .cli import JSON, answer, as_json, own, read_file
+from .options import PREFIX, OptionError, ParameterError
+from .output import pace
+from .space.element import DIM
+
+ROWS = (
+    own("options_file", "str", "file of options, which the command line wins over"),
+    own("ranks", "int", "ranks of the run, a core for each", 2, low=1),
+    own("newton", "int", "Newton iterations of the run; those of a specimen unless given", low=1),
+    JSON)
+#: Core seconds that multigrid takes for a Newton iteration and an unknown.
+MULTIGRID = 5.5e-6
+#: Core seconds of MUMPS for a Newton iteration with a million unknowns, and its growth.
+DIRECT, GROWTH = 20.0, 1.25
+#: Share of a core that each doubling of the ranks leaves to MUMPS.
+SPEEDUP = 0.7
+#: Bytes of an unknown: multigrid, and MUMPS with a million unknowns; and of a rank by itself.
+BYTES, DIRECT_BYTES, RANK = 3.4e3, 5.6e3, 115e6
+#: Newton iterations to 10 % compression, and how they grow with it.
+NEWTON, POWER = {True: 320, False: 260}, 0.45
+
+
+class Budget(NamedTuple):
+    """What a run will take: seconds, and bytes of all ranks together."""
+
+    unknowns: int
+    newton: float
+    seconds: float
+    memory: float
+
+
+def unknowns(case):
+    """Return how many unknowns a case has."""
+    (nx, ny), wraps = case.shape, [int(wrap) for wrap in case.periodic]
+    nodes = (2 * nx + 1 - wraps[0]) * (2 * ny + 1 - wraps[1])
+    corners = (nx + 1 - wraps[0]) * (ny + 1 - wraps[1])
+    return nodes * (DIM + int(case.material.model.has_fluidity)) + corners
+
+
+def budget(case, ranks, multigrid, newton=None):
+    """Return the `Budget` of a case.
+
+    Raises `OptionError` where the number of Newton iterations is needed and missing.
+    """
+    count = unknowns(case)
+    if newton is None:
+        if not case.specimen and not case.moving:
+            raise OptionError(f"-newton: how many Newton iterations a run of "
+                              f"{case.parameters.case} takes is not known; give a number")
+        share = case.count(case.targets[-1]) / 0.1
+        # A local model yields sharply: its iterations belong to yielding, whatever the end is.
+        newton = NEWTON[True] * share**POWER if case.material.model.has_fluidity else NEWTON[False]
+    if multigrid:
+        return Budget(count, newton, MULTIGRID * count * newton / ranks,
+                      BYTES * count + RANK * ranks)
+    large = count / 1e6
+    return Budget(count, newton, DIRECT * large**GROWTH * newton / ranks**SPEEDUP,
+                  DIRECT_BYTES * count + RANK * ranks)
+
+
+def run(parameters, asked, solver):
+    """Print the estimate."""
+    found = budget(cases.create(parameters), asked.ranks, solver == "fieldsplit", asked.newton)
+    if asked.json:
+        print(as_json(found._asdict()))
+        return
+    hours = found.seconds / 3600.0
+    print(f"{found.unknowns} unknowns, {asked.ranks} ranks, "
+          f"{'multigrid' if solver == 'fieldsplit' else 'MUMPS'}: some {found.newton:.0f} Newton "
+          f"iterations, {pace.words(found.seconds)}, {found.memory / 1e9:.1f} GB\n"
+          f"# Budget: {asked.ranks} ranks, {int(2.0 * hours) + 1} hours, "
+          f"{int(2.0 * found.memory / 1e9) + 1} GB")
+
+
+def main(arguments):
+    """Estimate what the command line ``arguments`` asks for; return the exit code."""
+    solver, given = "lu", []
+    try:
+        if "-options_file" in arguments[:-1]:
+            texts = read_file(arguments[arguments.index("-options_file") + 1])
+            solver = texts.get("pc_type", solver)
+            given = [word for name, text in texts.items() if name.startswith(PREFIX)
+                     for word in (f"-{name}", text)]
+    except (OptionError, ParameterError) as problem:
+        print(f"pgran.budget: error: {problem}", file=sys.stderr)
+        return 1
+    return answer([*given, *arguments], "budget",
+                  lambda parameters, asked: run(parameters, asked, solver), __doc__, ROWS,
+                  runs=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

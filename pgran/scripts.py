@@ -1,0 +1,16 @@
+"""The commands that an installation puts on the path: each is a module as `python -m` runs it."""
+
+import runpy
+from functools import partial
+
+
+def start(module):
+    """Run ``python -m module`` in this process."""
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+run = partial(start, "pgran")
+eigen, stability, growth, measure, plot, watch, figures, budget, studies = (
+    partial(start, f"pgran.{name}") for name in (
+        "eigen", "stability", "growth", "measure", "plot", "watch", "figures", "budget",
+        "studies"))

@@ -1,0 +1,191 @@
+"""Runs from Python: one, and one for each value of parameters, on a pool or as a job array.
+
+`pgran.run` and `pgran.sweep` are these functions. Runs that are done are not made again, and runs
+that were stopped go on from their last checkpoint.
+"""
+
+import itertools
+import os
+import sysconfig
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from .. import cases
+from ..options import OptionError, SolutionError
+from ..output.result import Result, options_of
+from . import launch
+from .table import result_file
+
+#: What batch systems call the number of a task in a job array.
+TASKS = "SLURM_ARRAY_TASK_ID", "PBS_ARRAY_INDEX", "PBS_ARRAYID", "SGE_TASK_ID"
+#: What a row of a sweep's table has besides parameters and the measured band.
+TOOK = "steps", "newton_iterations", "linear_iterations", "seconds", "memory"
+
+
+def shipped(name):
+    """Return the path of options/NAME.opts, of the repository or an installation, or None."""
+    places = (Path(__file__).resolve().parents[2] / "options",
+              Path(sysconfig.get_path("data")) / "share" / "pgran" / "options")
+    return next((place / f"{name}.opts" for place in places
+                 if (place / f"{name}.opts").is_file()), None)
+
+
+def run(output=None, options_file=None, ranks=0, **options):
+    """Run pgran and return its `pgran.output.result.Result`.
+
+    Parameters
+    ----------
+    output : str or Path, optional
+        The result file; results/CASE.h5 unless given.
+    options_file : str or Path, optional
+        The options to begin with; those that pgran ships for the case unless given.
+    ranks : int
+        0 is one process without mpiexec.
+    **options
+        Options of pgran by their names without prefix, such as ``inertial_number=0.003``. PETSc's
+        go into ``petsc={"snes_atol": 1e-6}``.
+
+    Raises
+    ------
+    OptionError, ParameterError
+        Where options do not fit together, before anything runs.
+    SolutionError
+        If the run fails; its own message is on standard error.
+    """
+    petsc = {f"-{name}": value for name, value in options.pop("petsc", {}).items()}
+    case = str(options.get("case", "biaxial"))
+    options_file = options_file or shipped(case)
+    output = Path(output or Path("results") / f"{Path(case.split(':')[0]).stem}.h5")
+    words = options_of({"progress": "quiet", **options, **petsc})
+    launch.asked(options_file, *words)  # raises what is wrong with them
+    launch.run(output, options_file, *words, ranks=ranks)
+    return Result(output)
+
+
+def points(parameters):
+    """Return the points of a grid, a list of {name: value}, from {name: values}."""
+    if not isinstance(parameters, Mapping) or not parameters:
+        raise OptionError("a sweep needs {name: values}")
+    names = list(parameters)
+    return [dict(zip(names, values)) for values in itertools.product(*parameters.values())]
+
+
+def sweep(parameters, directory="results/sweep", workers=1, task=None, **common):
+    """Run pgran for each point of a grid of parameters and return a `Sweep`.
+
+    Parameters
+    ----------
+    parameters : dict
+        {name: values}; the points are all combinations.
+    directory : str or Path
+        Where the results go, named by their points.
+    workers : int
+        How many runs go on at a time.
+    task : int, optional
+        Only this point, counted from 0: that of a job array. Taken from the environment of Slurm,
+        PBS or SGE where it is set there.
+    **common
+        As for `run`: ``ranks``, ``options_file``, and options of all runs.
+
+    Raises
+    ------
+    OptionError, ParameterError
+        Where the options of a point do not fit together, before anything runs.
+    """
+    chosen, directory = points(parameters), Path(directory)
+    paths = [result_file(directory, " ".join(f"{name} {value}" for name, value in point.items()))
+             for point in chosen]
+    if task is None:
+        task = next((int(os.environ[name]) for name in TASKS if name in os.environ), None)
+    if task is not None and not 0 <= task < len(chosen):
+        raise OptionError(f"task {task}: allowed is 0 to {len(chosen) - 1}, the points of the "
+                          "sweep")
+    wanted = range(len(chosen)) if task is None else [task]
+    for number in wanted:
+        _check({**common, **chosen[number]})
+
+    def make(number):
+        try:
+            run(paths[number], **{**common, **chosen[number]})
+        except SolutionError as error:
+            return str(error)
+        return None
+
+    with ThreadPoolExecutor(workers) as pool:
+        failures = dict(zip(wanted, pool.map(make, wanted)))
+    return Sweep(chosen, paths, failures)
+
+
+def _check(options):
+    """Raise what is wrong with the options of one point."""
+    mine = {name: value for name, value in options.items()
+            if name not in ("ranks", "options_file", "petsc", "output")}
+    cases.create(launch.asked(options.get("options_file") or shipped(
+        str(options.get("case", "biaxial"))), *options_of(mine)))
+
+
+class Sweep:
+    """The results of a sweep.
+
+    Attributes
+    ----------
+    points : list of dict
+    paths : list of Path
+    failures : dict
+        {number of a point: why it failed}, of those that did.
+    """
+
+    def __init__(self, points, paths, failures):
+        self.points, self.paths = points, paths
+        self.failures = {number: why for number, why in failures.items() if why}
+
+    def __len__(self):
+        return len(self.points)
+
+    def __getitem__(self, number):
+        """Return the `Result` of a point."""
+        return Result(self.paths[number])
+
+    def rows(self):
+        """Return a row for each point, a list of dictionaries: the point and what came of it.
+
+        The band and the extremes of I are those of the last snapshot; what is not there is None.
+        """
+        return [self._row(number) for number in range(len(self))]
+
+    def _row(self, number):
+        row = dict(self.points[number])
+        done = self.paths[number].exists()
+        result = self[number] if done else None
+        row["complete"] = bool(done and result.complete)
+        row.update({name: result.attributes.get(name) if done else None for name in TOOK})
+        last = result.snapshots[-1] if done and result.snapshots else None
+        I = last["inertial_number"] if last else None
+        row["inertial_number_max"] = None if I is None else float(I.max())
+        band = last.band() if last else {}
+        row.update({name: band.get(name) for name in ("localised", "angle", "width", "bands")})
+        return row
+
+    def to_pandas(self):
+        """Return `rows` as a pandas.DataFrame; needs pandas."""
+        import pandas
+
+        return pandas.DataFrame(self.rows())
+
+    def to_xarray(self):
+        """Return `rows` as an xarray.Dataset over the parameters; needs pandas and xarray."""
+        return self.to_pandas().set_index(list(self.points[0])).to_xarray()
+
+    def __str__(self):
+        rows = self.rows()
+
+        def shown(value):
+            if value is None:
+                return "-"
+            return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+        names = list(rows[0])
+        lines = [[shown(row[name]) for name in names] for row in rows]
+        return "\n".join(f"| {' | '.join(line)} |" for line in (
+            names, ["---"] * len(names), *lines))

@@ -1,0 +1,68 @@
+"""From Python: a run gives its result, a sweep its table, and neither does its work twice."""
+
+import numpy as np
+import pytest
+
+import pgran
+from pgran.options import OptionError, ParameterError, SolutionError
+from pgran.studies import sweep
+
+SMALL = {"width": 8, "height": 24, "compression": 0.001}
+
+
+def test_a_run_gives_a_result_and_is_not_made_twice(tmp_path):
+    result = pgran.run(tmp_path / "a.h5", inertial_number=0.003, snapshots=[0.0005, 0.001], **SMALL)
+    assert result.complete and result.options["inertial_number"] == 0.003
+    assert [round(s.attributes["compression"], 6) for s in result.snapshots] == [0.0005, 0.001]
+    assert result.history["compression"][-1] == pytest.approx(0.001)
+    begun = (tmp_path / "a.h5").stat().st_mtime_ns
+    again = pgran.run(tmp_path / "a.h5", inertial_number=0.003, snapshots=[0.0005, 0.001], **SMALL)
+    assert (tmp_path / "a.h5").stat().st_mtime_ns == begun
+    assert np.array_equal(again.snapshots[-1]["pressure"], result.snapshots[-1]["pressure"])
+    on_ranks = pgran.run(tmp_path / "b.h5", inertial_number=0.003, snapshots=[0.0005, 0.001],
+                         ranks=2, **SMALL)
+    assert on_ranks.attributes["ranks"] == 2
+    assert on_ranks.snapshots[-1]["pressure"] == pytest.approx(result.snapshots[-1]["pressure"],
+                                                               rel=1e-5)
+
+
+def test_bad_options_are_told_before_anything_runs(tmp_path):
+    with pytest.raises(ParameterError, match="inertial_number"):
+        pgran.run(tmp_path / "x.h5", inertial_number=-1)
+    with pytest.raises((OptionError, ParameterError)):
+        pgran.run(tmp_path / "x.h5", nosuch=1)
+    with pytest.raises(ParameterError):
+        pgran.sweep({"inertial_number": [0.001, -1]}, directory=tmp_path, **SMALL)
+    with pytest.raises(SolutionError, match="exit code 1"):
+        pgran.run(tmp_path / "y.h5", petsc={"snes_max_it": 1}, step_min=5e-5, **SMALL)
+    assert not (tmp_path / "x.h5").exists() and not list(tmp_path.glob("inertial*"))
+
+
+def test_a_sweep_resumes_and_gives_a_table(tmp_path, monkeypatch):
+    grid = {"inertial_number": [0.001, 0.01], "law": ["bingham", "jop"]}
+    monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "3")  # one task of a job array
+    some = pgran.sweep(grid, directory=tmp_path, **SMALL)
+    assert [row["complete"] for row in some.rows()] == [False, False, False, True]
+    monkeypatch.delenv("SLURM_ARRAY_TASK_ID")
+    before = some.paths[3].stat().st_mtime_ns
+    full = pgran.sweep(grid, directory=tmp_path, workers=2, **SMALL)
+    assert full.paths[3].stat().st_mtime_ns == before and not full.failures
+    rows = full.rows()
+    assert all(row["complete"] and row["steps"] > 3 for row in rows)
+    assert [row["law"] for row in rows] == ["bingham", "jop"] * 2
+    assert full[1].parameters.law == "jop" and full[2].options["inertial_number"] == 0.01
+    assert str(full).count("\n") == 5
+    monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "4")
+    with pytest.raises(OptionError, match="task 4: allowed is 0 to 3"):
+        pgran.sweep(grid, directory=tmp_path, **SMALL)
+
+
+def test_what_fails_in_a_sweep_is_told_and_the_rest_is_made(tmp_path):
+    found = pgran.sweep({"step_min": [1e-8, 6e-5]}, directory=tmp_path, petsc={"snes_max_it": 3},
+                        **SMALL)
+    assert list(found.failures) == [1] or list(found.failures) == [0, 1]
+    assert "exit code 1" in found.failures[1]
+
+
+def test_shipped_options_are_found():
+    assert sweep.shipped("biaxial").name == "biaxial.opts" and sweep.shipped("nosuch") is None
