@@ -81,8 +81,9 @@ class Case(ABC):
     fluidity_source : callable or None
         ``fluidity_source(x)`` returns a source (...) of the fluidity equation at points ``x``
         (2, ...), for verification. ``body_force`` is of the same kind and returns (2, ...).
-    observables : tuple of str
-        Names of the columns that `observe` adds to the history.
+    observables : dict or tuple of str
+        Names of the columns that `observe` adds to the history, as {name: unit}, where "stress" in
+        a unit means that of the case; or the names alone, for pure numbers.
     counted_by : str
         What `count` returns; the attribute of a snapshot that says how far the run was.
     """

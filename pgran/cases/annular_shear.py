@@ -30,7 +30,7 @@ class AnnularShear(_fixed.FixedMesh):
     periodic = True, False
     stress_unit = "P_w"
     walls = "bottom", "top"
-    observables = ("torque",)
+    observables = {"torque": "stress d^2"}
 
     def __init__(self, parameters):
         super().__init__(parameters)

@@ -38,7 +38,7 @@ class Biaxial(PureShear):
                "each reached exactly; those beyond the end are left out, and the end is always "
                "written", low=0.0, high=1.0, open_low=True, open_high=True, changeable=True),
     )
-    observables = "compression", "top_stress"
+    observables = {"compression": "", "top_stress": "stress"}
     counted_by = "compression"
 
     def __init__(self, parameters):

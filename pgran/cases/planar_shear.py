@@ -26,7 +26,7 @@ class PlanarShear(_fixed.Layer):
         *_fixed.rows())
     stress_unit = "P_w"
     walls = "bottom", "top"
-    observables = ("shear_stress",)
+    observables = {"shear_stress": "stress"}
 
     def prescribed_velocity(self, time, i, j):
         """Return the velocities (2, n) of the plates; the top one is free along x2."""

@@ -26,7 +26,7 @@ class VerticalChute(_fixed.FixedMesh):
     periodic = False, True
     stress_unit = "P_w"
     walls = "left", "right"
-    observables = "shear_stress", "mean_speed"
+    observables = {"shear_stress": "stress", "mean_speed": "d gdot0"}
 
     def __init__(self, parameters):
         super().__init__(parameters)

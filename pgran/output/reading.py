@@ -12,6 +12,8 @@ from ..options import PREFIX, OptionError, ParameterError, plain, written
 from ..space.element import DIM
 from .files import told
 
+#: Version of the layout of result files. Those of 2 have no /VTKHDF and no units; both are read.
+FORMAT = 3
 #: Components of fields that have any, (shape).
 FIELDS = {"coordinates": (DIM,), "velocity": (DIM,), "deviator": (COMPONENTS,)}
 #: Options of a result that what starts from it does not take over.
@@ -54,6 +56,10 @@ def opened(path, snapshots=0):
 
 def _check(path, file, snapshots):
     """Raise `ResultError` unless a file has the layout of a result."""
+    version = file.attrs.get("format", FORMAT)
+    if version > FORMAT:
+        raise ResultError(path, f"its format is {version}, that of a later pgran; this one reads "
+                          f"up to {FORMAT}")
     groups = file.get("snapshots")
     if not isinstance(groups, h5py.Group):
         raise ResultError(path, "it is no result of pgran: /snapshots is missing")

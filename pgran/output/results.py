@@ -23,16 +23,20 @@ from .. import __version__
 from ..options import PREFIX, ParameterError
 from .checkpoint import NAME, checkpoints_of
 from .files import Disk, Draft, Lock, blocks_of, local_part, together, write_blocks, write_text
-from .reading import FIELDS, ResultError, opened, stored_parameters
+from .reading import FIELDS, FORMAT, ResultError, opened, stored_parameters
+from .vtkhdf import link
 
-#: Version of the layout of result files.
-FORMAT = 2
 #: Columns of the history of a run in time: energies (stress d^2) and volume (d^2), per unit depth.
 BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
 #: All columns that a run in time has; a case adds its observables.
 HISTORY = ("time", "step_size", "newton_iterations", "linear_iterations", "inertial_number_min",
            "inertial_number_max", *BALANCE)
 INTEGERS = ("newton_iterations", "linear_iterations")
+#: Units, where stress is that of the case; what is not here is a pure number.
+UNITS = {"coordinates": "d", "velocity": "d gdot0", "fluidity": "gdot0", "pressure": "stress",
+         "deviator": "stress", "time": "1/gdot0", "step_size": "1/gdot0", "work": "stress d^2",
+         "dissipation": "stress d^2", "stored_energy": "stress d^2",
+         "energy_error": "stress d^2", "volume": "d^2"}
 #: What the names of the fields of the flow begin with that a mode was found about.
 BASE = "base_"
 #: Largest share of the time that writing the history takes.
@@ -140,9 +144,11 @@ class Writer:
                 snapshots, fields = source.cut(file, self._columns)
             for name in self._columns:
                 if name not in file["history"]:
-                    file["history"].create_dataset(
+                    column = file["history"].create_dataset(
                         name, shape=(0,), maxshape=(None,), chunks=(1024,),
                         dtype="i8" if name in INTEGERS else "f8")
+                    column.attrs["unit"] = self._unit(name)
+            link(file, self.case.closed)
             for name, value in attributes.items():
                 file.attrs[name] = value
             if any(self.case.closed) and "cells" not in file:
@@ -155,6 +161,13 @@ class Writer:
         if not snapshots:
             self.path.with_suffix(".xdmf").unlink(missing_ok=True)
         return kept, snapshots, fields, self._columns
+
+    def _unit(self, name):
+        """The unit of a field or of a column of the history, empty for a pure number."""
+        own = self.case.observables
+        unit = own.get(name, "") if isinstance(own, dict) and name in own else UNITS.get(
+            name.removeprefix(BASE), "")
+        return unit.replace("stress", self.case.stress_unit)
 
     def _make_room(self):
         """Rename an earlier file, its XDMF and its checkpoints; return the new name."""
@@ -235,7 +248,9 @@ class Writer:
             group.attrs["time"], group.attrs["label"] = time, self.case.label(time)
             group.attrs[self.case.counted_by] = self.case.count(time)
             for key, size in components.items():
-                group.create_dataset(key, shape + size, dtype="f8")
+                data = group.create_dataset(key, shape + size, dtype="f8")
+                data.attrs["unit"] = self._unit(key)
+            link(self._draft.file, self.case.closed)
 
         self.disk.do(prepare)
         self._tell_meaningless(name, fields)
