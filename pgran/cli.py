@@ -24,6 +24,20 @@ from .signals import SIGNALS
 from .versions import FIRST, callback_error, was_read
 
 HELP = ("-help", "--help", "-h")
+#: The word after -help that asks for every option.
+ALL = "all"
+#: What one needs first, and where the rest is.
+FIRST_HELP = f"""Options of a run:
+  -options_file FILE          options, one in a line; options/*.opts are ready ones
+  -pgran_case NAME            which flow, or FILE.py:Class; there are
+                              {{cases}}
+  -pgran_model, -pgran_law    the rheology: {{models}}; {{laws}}
+  -pgran_output NAME.h5       where the result goes
+  -pgran_restart NAME.h5      go on from the last checkpoint of a run
+
+-help {ALL} shows every option, -help -pgran_case NAME those of a case (or law, or model) too, and
+docs/options.md explains them. -doctor says whether this installation fits together. PETSc's options
+(-ts_, -snes_, -ksp_, -pc_, -log_view, ...) hold too."""
 #: Errors that are told in one message; all ranks raise them together.
 TOLD = OptionError, ParameterError, SolutionError
 #: Exit code of a run that was asked to stop and can go on (EX_TEMPFAIL of sysexits.h).
@@ -112,8 +126,9 @@ def start(arguments, action, description="", rows=(), slepc=False,
         0 after success, `STOPPED` if a signal stopped the run, and 1 after an error.
     """
     guard_streams()
-    wants_help = any(argument in HELP for argument in arguments)
-    given, problem = [argument for argument in arguments if argument not in HELP], None
+    wants_help, everything_asked = _help_asked(arguments)
+    given, problem = [word for word, before in zip(arguments, ["", *arguments])
+                      if word not in HELP and not (word == ALL and before in HELP)], None
     try:
         check_sources(given[1:])
     except OptionError as error:  # so that PETSc starts, and all ranks can end together
@@ -141,7 +156,8 @@ def start(arguments, action, description="", rows=(), slepc=False,
                  if name.startswith(options.PREFIX) or name in {row.name for row in rows}}
         if wants_help:
             if comm.rank == 0:
-                print(help_text(description, rows, _rows_for_help(texts)), flush=True)
+                print(help_text(description, rows, _rows_for_help(texts)
+                                if everything_asked or texts else ()), flush=True)
             return 0
         parameters = cases.read(complete(texts))
         _check_names(everything, rows, parameters.rows)
@@ -488,9 +504,19 @@ def guard_streams():
             setattr(sys, name, Stream(stream or open(number, "w", closefd=False)))
 
 
-def help_text(description, rows, run_rows):
-    """Return the text of ``-help``."""
+def _help_asked(words):
+    """Whether a command line asks for help, and for that on every option."""
+    places = [place for place, word in enumerate(words) if word in HELP]
+    return bool(places), any(words[place + 1:place + 2] == [ALL] for place in places)
+
+
+def help_text(description, rows, run_rows=()):
+    """Return the text of ``-help``: the first options, or with ``run_rows`` all of them."""
     mine = f"Options of this command:\n\n{options.help_text(rows)}\n\n" if rows else ""
+    if not run_rows:
+        names = {kind.name: " | ".join(kind.names) for kind in cases.KINDS}
+        return f"{description}\n{mine}" + FIRST_HELP.format(
+            cases=names["case"].replace(" |", ","), models=names["model"], laws=names["law"])
     return (f"{description}\n{mine}Options of the run, as <default> [unit]. A case, law or model "
             "brings its own: name it beside -help to see them. PETSc's options (-ts_, -snes_, "
             f"-ksp_, -pc_, -log_view, ...) hold too.\n\n{options.help_text(run_rows)}")
@@ -518,8 +544,10 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
     guard_streams()
     texts = {}
     try:
-        if not arguments or any(argument in HELP for argument in arguments):
-            more = f"\n\n{options.help_text(cases.read({}).rows)}" if runs else ""
+        wants_help, everything_asked = _help_asked(arguments)
+        if not arguments or wants_help:
+            more = (f"\n\n{options.help_text(cases.read({}).rows)}" if everything_asked else
+                    f"\n\n-help {ALL} shows the options of a run too.") if runs else ""
             print(f"{description}\nOptions:\n\n{options.help_text(rows)}{more}")
             return 0 if arguments else 1
         texts, found = parse(arguments, rows, bool(operands), runs)

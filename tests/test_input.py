@@ -372,7 +372,7 @@ def test_other_commands_refuse_what_they_cannot_read(server, folder, before, com
 
 
 @pytest.mark.parametrize("command", ["__main__", "eigen", "growth", "measure", "plot", "figures",
-                                     "stability", "studies.__main__"])
+                                     "stability", "studies.__main__", "watch", "budget"])
 def test_every_command_has_the_same_three_ways_to_ask_for_help(server, folder, command):
     texts = set()
     for flag in ("-help", "--help", "-h"):

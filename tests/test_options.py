@@ -114,10 +114,17 @@ def test_bad_runs_stop_on_all_ranks_with_one_message(arguments, message, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+def test_help_is_a_page_that_says_where_the_rest_is():
+    text = run_ranks(0, "-m", "pgran", "-help", limit=60).stdout
+    assert 15 <= len(text.splitlines()) <= 25
+    for word in ("-options_file", "-help all", "-doctor", "docs/options.md", "biaxial", "ngf"):
+        assert word in text
+
+
 @pytest.mark.parametrize("given", [{}, {"case": "periodic", "law": "jop", "model": "li"}], ids=str)
 def test_help_prints_the_rows_of_case_law_and_model(given):
     arguments = [text for name, value in given.items() for text in (f"-pgran_{name}", value)]
-    text = run_ranks(0, "-m", "pgran", *arguments, "-help", limit=60).stdout
+    text = run_ranks(0, "-m", "pgran", *arguments, "-help", "all", limit=60).stdout
     assert options.help_text(parameters(**given).rows) in text
 
 
