@@ -59,7 +59,7 @@ def look(path, column):
     else:
         spent = os.path.getmtime(path) - float(result.attributes.get("begun", "nan"))
         work = pace.work(history)
-        more = pace.left(done, work)
+        more = pace.left(done, work) if done[-1] >= pace.EARLY else None
         state = "under way" if more is None or not np.isfinite(spent) else (
             f"{pace.words(spent)} so far, some {pace.words(spent * more / work[-1])} left")
     filled = int(round(40 * min(float(done[-1]), 1.0)))

@@ -5,6 +5,8 @@ import numpy as np
 #: Steps grow as this power of how far the run is. Over the runs of figure 6, a slope and a chute
 #: the estimate is then 0.6 to 1.95 of the truth, from the first tenth on.
 GROWTH = 0.45
+#: Before this share is done nothing is said of what is left.
+EARLY = 0.04
 #: What a Newton iteration costs in linear iterations: its residual, Jacobian and set-up.
 NEWTON = 12.0
 

@@ -60,7 +60,7 @@ class Terminal:
         if self.detail == "brief" and mark == self._mark and now - self.last < 30.0:
             return
         self._mark, self.last = mark, now
-        seconds = pace.left(self._done, self._spent)
+        seconds = pace.left(self._done, self._spent) if done >= pace.EARLY else None
         left = "" if seconds is None else f"  {pace.words(seconds):>6} left"
         self.say(f"  {text}  step {number:4d}  dt {report['step_size']:.2e}  "
                  f"Newton {report['newton_iterations']:2d}  "

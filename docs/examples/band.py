@@ -1,0 +1,36 @@
+# %% [markdown]
+# # A shear band
+# A specimen of 40 d x 120 d is compressed to 10 %. The non-local model gives one band of its own
+# width. Run this on more ranks with `ranks=2`.
+
+# %%
+import matplotlib.pyplot as plt
+
+import pgran
+
+result = pgran.run("results/band.h5", inertial_number=0.001, snapshots=[0.05, 0.1])
+print(result)
+
+# %% [markdown]
+# What the band is, and when it came: the stress on the upper plate falls when the flow localises.
+
+# %%
+band = result.snapshots[-1].band()
+if band["angle"] is not None:
+    print(f"angle {band['angle']:.1f} degrees, width {band['width']:.1f} d")
+
+figure, axes = plt.subplots()
+axes.plot(100 * result.history["compression"], result.history["top_stress"])
+axes.set(xlabel="compression (%)", ylabel=f"stress on the plate ({result.case.stress_unit})")
+figure.savefig("results/band_stress.png")
+
+# %% [markdown]
+# The strain since the start, on the deformed shape.
+
+# %%
+last = result.snapshots[-1]
+figure, axes = plt.subplots()
+drawn = axes.pcolormesh(*last.x.transpose(2, 0, 1), last["strain"], shading="gouraud")
+axes.set(aspect="equal", xlabel="$x_1$ (d)", ylabel="$x_2$ (d)", title=last.label)
+figure.colorbar(drawn, label="equivalent strain")
+figure.savefig("results/band_strain.png")

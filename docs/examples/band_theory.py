@@ -1,0 +1,39 @@
+# %% [markdown]
+# # The theory of the band
+# A disturbance of homogeneous compression grows at a rate that depends on its wave vector. The
+# local model lets all short waves grow; the non-local one has a cut-off, and so a wavelength of its
+# own (equation 3.4 of Li & Henann 2019).
+
+# %%
+import matplotlib.pyplot as plt
+import numpy as np
+
+from pgran.material.laws.bingham import Bingham
+from pgran.theory import specimen, waves
+
+law, amplitude, inertial_number = Bingham(0.3819, 0.9377), 0.48, 0.001
+models = {model: waves.Coefficients.of(law, model, inertial_number) for model in ("ngf", "li")}
+cutoff = float(waves.cutoff(models["ngf"]))
+print(f"waves longer than {2 * np.pi * amplitude / cutoff:.1f} d grow in NGF")
+
+# %%
+k = np.linspace(0.002, 0.3, 200)
+figure, axes = plt.subplots()
+for model, coefficients in models.items():
+    direction = waves.fastest(models["ngf"])[2]
+    angle = np.radians(waves.direction_angle(direction, waves.PURE_SHEAR))
+    rate = waves.pure_shear_growth(k * np.cos(angle), k * np.sin(angle), coefficients)
+    axes.plot(k, rate, label=model.upper())
+axes.axhline(0, color="grey", linewidth=0.8)
+axes.set(xlabel="wave number", ylabel="growth rate", ylim=(-0.02, None))
+axes.legend()
+figure.savefig("results/theory.png")
+
+# %% [markdown]
+# In a finite specimen the band begins as a sway of the whole specimen, at a rate that has a closed
+# form.
+
+# %%
+rate = specimen.growth_rate(law=law, model="ngf", inertial_number=inertial_number, width=40.0,
+                            height=120.0, amplitude=amplitude, density=0.0, relaxation_time=None)
+print(f"the specimen sways at {rate} gdot0")

@@ -1,0 +1,62 @@
+"""The examples do what they say, at tiny size; the notebooks are the scripts."""
+
+import json
+import os
+import runpy
+import sys
+
+import matplotlib
+import pytest
+from conftest import ROOT
+
+import pgran
+from pgran.studies import sweep
+
+EXAMPLES = ROOT / "docs" / "examples"
+#: What makes the runs tiny, by example.
+TINY = {"band": {"width": 8, "height": 24, "compression": 0.002, "snapshots": [0.001, 0.002]},
+        "own_law": {"width": 8, "height": 24, "compression": 0.002, "snapshots": [0.002]},
+        "sweep": {"width": 8, "height": 24, "compression": 0.001, "snapshots": [0.001]},
+        "band_theory": {}, "stopping_slope": {}}
+
+
+@pytest.fixture
+def notebooks(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    import notebooks
+    return notebooks
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_an_example_runs_and_says_what_it_found(name, tmp_path, monkeypatch, capsys):
+    matplotlib.use("Agg")
+    tiny = TINY[name]
+    monkeypatch.setattr(pgran, "run", lambda output=None, **given: sweep.run(
+        output, **{**given, **tiny}))
+    monkeypatch.setattr(pgran, "sweep", lambda parameters, **given: sweep.sweep(
+        parameters, **{**given, **tiny}))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    os.mkdir("results")
+    runpy.run_path(str(EXAMPLES / f"{name}.py"))
+    text = capsys.readouterr().out
+    wanted = {"band": "2 snapshots, complete", "band_theory": "waves longer than 25.4 d grow",
+              "own_law": "0.2 % compression: I from", "sweep": "| 0.03 | True |",
+              "stopping_slope": "0.9 H_stop: the surface moves at"}
+    assert wanted[name] in text
+    if name == "stopping_slope":
+        fast, slow = (float(line.split("moves at ")[1].split()[0])
+                      for line in text.splitlines() if "moves at" in line)
+        assert fast > 1e-2 and slow < 1e-6
+    assert "power_law" not in sys.modules or sys.modules.pop("power_law")
+
+
+def test_notebooks_are_the_scripts(notebooks):
+    paths = notebooks.scripts()
+    assert {path.stem for path in paths} == set(TINY)
+    for path in paths:
+        book = json.loads(path.with_suffix(".ipynb").read_text())
+        assert path.with_suffix(".ipynb").read_text() == notebooks.written(path), path
+        code = "\n\n".join("".join(cell["source"]) for cell in book["cells"]
+                           if cell["cell_type"] == "code")
+        compile(code, str(path), "exec")
