@@ -5,11 +5,13 @@
 #   bash jobs/cluster.sh slurm|pbs chain   RANKS FILE.opts [options of pgran]
 #   bash jobs/cluster.sh slurm|pbs sweep   RANKS SCRIPT.py POINTS HOURS MEMORY_GB
 #   bash jobs/cluster.sh slurm|pbs scaling RANKS
+#   bash jobs/cluster.sh slurm|pbs job     RANKS HOURS MEMORY_GB jobs/NAME.sh [arguments]
 #
 # run is one run. chain asks to be queued again before its time ends, as often as it needs, and goes
 # on from its last checkpoint: the answer is that of one long run. sweep is a job array over the
 # points of a script that calls pgran.sweep (docs/examples/sweep.py). scaling is
-# jobs/bench/weak.sh on 1, 2, 4, ... ranks. The script, pgran-KIND.slurm or pgran-KIND.pbs, is
+# jobs/bench/weak.sh on 1, 2, 4, ... ranks. job is any script of jobs/: figures 6 and 7 with all
+# meshes take 2 hours and 12 GB, or 4 hours and 16 GB, on 8 ranks. The script, pgran-KIND.slurm or pgran-KIND.pbs, is
 # written to the present folder; time and memory are twice what pgran.budget estimates. PGRAN_TIME
 # (HH:MM:SS) and PGRAN_MEMORY (GB) take their place, and PGRAN_MARGIN seconds (a twentieth of the
 # time, at least 60) are left to write the last checkpoint.
@@ -18,7 +20,7 @@ home="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 python=${PGRAN_PYTHON:-$home/.venv/bin/python}
 
 usage() {
-    sed -n '2,16s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"
+    sed -n '2,20s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"
     [[ -z ${1:-} ]] || echo "jobs/cluster.sh: error: $1" >&2
     exit 1
 }
@@ -56,8 +58,16 @@ case $kind in
         while ((count <= ranks)); do list+="$count " count=$((2 * count)); done
         body="bash jobs/bench/weak.sh \"${list% }\""
         ;;
-    *) usage "$kind: allowed is run | chain | sweep | scaling" ;;
+    job)
+        (($# >= 3)) || usage "job: HOURS MEMORY_GB jobs/NAME.sh are needed"
+        hours=$1 memory=$2
+        printf -v body ' %q' "${@:3}"
+        body="bash$body"
+        ;;
+    *) usage "$kind: allowed is run | chain | sweep | scaling | job" ;;
 esac
+[[ $hours =~ ^[1-9][0-9]*$ && $memory =~ ^[1-9][0-9]*$ ]] \
+    || usage "$hours hours and $memory GB: allowed are whole numbers"
 printf -v clock '%02d:00:00' "$hours"
 clock=${PGRAN_TIME:-$clock} memory=${PGRAN_MEMORY:-$memory}
 [[ $clock =~ ^([0-9]+):([0-9]{2}):([0-9]{2})$ ]] || usage "PGRAN_TIME $clock: allowed is HH:MM:SS"

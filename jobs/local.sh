@@ -59,7 +59,7 @@ case "${1:-}" in
     lint)
         setup
         $python -m ruff check .
-        .venv/bin/shellcheck -x -P SCRIPTDIR jobs/*.sh jobs/*.slurm jobs/bench/*.sh .ci/run
+        .venv/bin/shellcheck -x -P SCRIPTDIR jobs/*.sh jobs/bench/*.sh .ci/run
         ;;
     *) sed -n '2,13s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
 esac

@@ -42,7 +42,7 @@ FILE = "options/biaxial.opts"
 SMALL = "-pgran_width", 8, "-pgran_height", 24
 SHORT = "-pgran_compression", 0.001, "-pgran_snapshots", 0.0005
 TINY = (*SMALL, *SHORT)
-SCRIPTS = sorted([*ROOT.glob("jobs/**/*.sh"), *ROOT.glob("jobs/*.slurm")])
+SCRIPTS = sorted(ROOT.glob("jobs/**/*.sh"))
 
 
 @pytest.fixture(autouse=True)
@@ -479,15 +479,6 @@ def test_jobs_only_start_studies():
             assert name in __main__.STUDIES, path
     assert {path.name for path in ROOT.glob("jobs/**/*.py")} == {
         "compiled.py", "eigenvalue.py", "one_step.py"}
-
-
-def test_slurm_scripts_are_those_of_the_template(tmp_path):
-    shutil.copy(ROOT / "jobs" / "slurm.sh", tmp_path)
-    subprocess.run(["bash", tmp_path / "slurm.sh"], check=True)
-    found = {path.name: path.read_text() for path in tmp_path.glob("*.slurm")}
-    assert found == {path.name: path.read_text() for path in ROOT.glob("jobs/*.slurm")}
-    for text in found.values():
-        assert re.search(r"# Budget: \d+ node, \d+ ranks, \d+ hours, \d+ GB", text)
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)

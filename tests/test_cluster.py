@@ -1,0 +1,87 @@
+"""Batch scripts: valid, with their budget, and a chain that goes on until it is finished."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+from pgran.output.result import Result
+
+SMALL = ("-pgran_width", "8", "-pgran_height", "24", "-pgran_compression", "0.004",
+         "-pgran_snapshots", "0.002,0.004")
+KINDS = {"run": ["2", "options/biaxial.opts", "-pgran_element_size", "1"],
+         "chain": ["2", "options/biaxial.opts", "-pgran_element_size", "1"],
+         "sweep": ["1", "docs/examples/sweep.py", "4", "1", "2"], "scaling": ["8"],
+         "job": ["8", "2", "12", "jobs/fig6.sh", "2 1 0.5 0.25"]}
+
+
+def made(folder, *arguments, check=True, **more):
+    """Make a batch script in a folder; return the finished process."""
+    return subprocess.run(
+        ["bash", ROOT / "jobs" / "cluster.sh", *arguments], cwd=folder, text=True, check=check,
+        capture_output=True, env={**os.environ, "PGRAN_PYTHON": sys.executable, **more})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder that looks like the repository."""
+    for name in ("options", "jobs", "docs", "pgran"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    return tmp_path
+
+
+@pytest.mark.parametrize("system", ["slurm", "pbs"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_script_is_valid_and_has_its_budget(folder, system, kind):
+    made(folder, system, kind, *KINDS[kind])
+    text = (folder / f"pgran-{kind}.{system}").read_text()
+    subprocess.run(["bash", "-n"], input=text, text=True, check=True)
+    ranks = KINDS[kind][0]
+    assert re.search(rf"# Budget: {ranks} ranks, \d+:00:00 hours, \d+ GB\.", text)
+    directive = "#SBATCH" if system == "slurm" else "#PBS"
+    wanted = {"chain": "--preserve-status --signal=USR1", "sweep": "0-3", "run": "launch results",
+              "scaling": 'weak.sh "1 2 4 8"', "job": r"jobs/fig6.sh 2\ 1\ 0.5\ 0.25"}
+    assert directive in text and wanted[kind] in text
+    assert ("qsub" if system == "pbs" else "scontrol requeue") in text or kind != "chain"
+
+
+def test_a_chain_goes_on_until_it_is_finished_with_the_answer_of_one_run(folder):
+    """Without a batch system: qsub, as a script that tells, queues it again."""
+    made(folder, "pbs", "chain", "1", "options/biaxial.opts", *SMALL, PGRAN_TIME="00:00:04",
+         PGRAN_MARGIN="2")
+    (folder / "qsub").write_text("#!/bin/sh\necho again >> queued\n")
+    (folder / "qsub").chmod(0o755)
+    environment = {**os.environ, "PGRAN_PYTHON": sys.executable, "PBS_O_WORKDIR": str(folder),
+                   "PYTHONPATH": str(ROOT), "PATH": f"{folder}:{os.environ['PATH']}"}
+    for link in range(1, 40):
+        subprocess.run(["bash", "pgran-chain.pbs"], cwd=folder, env=environment, check=True,
+                       timeout=60, capture_output=True)
+        queued = (folder / "queued").read_text().count("again") if (folder / "queued").exists() \
+            else 0
+        if queued < link:
+            break
+    result = Result(folder / "results" / "biaxial.h5")
+    assert result.complete and queued >= 1
+    subprocess.run([sys.executable, "-m", "pgran", "-options_file", "options/biaxial.opts", *SMALL,
+                    "-pgran_output", "whole.h5"], cwd=folder, env=environment, check=True,
+                   timeout=120, capture_output=True)
+    whole = Result(folder / "whole.h5")
+    assert len(whole.history["time"]) == len(result.history["time"])
+    for name in ("pressure", "fluidity"):
+        assert result.snapshots[-1][name] == pytest.approx(whole.snapshots[-1][name], rel=1e-6)
+
+
+@pytest.mark.parametrize("given, wanted", [
+    (["lsf", "run", "2", "options/biaxial.opts"], "lsf: allowed is slurm | pbs"),
+    (["slurm", "walk", "2"], "walk: allowed is run | chain"),
+    (["slurm", "run", "0", "options/biaxial.opts"], "0: allowed is a number of ranks"),
+    (["slurm", "run", "2"], "FILE.opts is missing"),
+    (["slurm", "run", "2", "options/none.opts"], "there is no such file"),
+    (["pbs", "sweep", "1", "x.py"], "SCRIPT.py POINTS HOURS MEMORY_GB are needed")])
+def test_what_cannot_be_made_is_refused(folder, given, wanted):
+    done = made(folder, *given, check=False)
+    assert done.returncode == 1 and wanted in done.stderr
+    assert not list(folder.glob("pgran-*"))
