@@ -62,7 +62,7 @@ def look(path, column):
         more = pace.left(done, work) if done[-1] >= pace.EARLY else None
         state = "under way" if more is None or not np.isfinite(spent) else (
             f"{pace.words(spent)} so far, some {pace.words(spent * more / work[-1])} left")
-    filled = int(round(40 * min(float(done[-1]), 1.0)))
+    filled = 40 if result.complete else int(40 * min(float(done[-1]), 1.0))
     lines += [f"  [{'#' * filled}{'.' * (40 - filled)}] {case.label(history['time'][-1])}, "
               f"{state}",
               f"  step {steps}, size {history['step_size'][-1]:.2e}, "
