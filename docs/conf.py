@@ -10,7 +10,7 @@ import pgran
 project, author, release = "pgran", "the pgran authors", pgran.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 source_suffix = {".md": "markdown"}
-exclude_patterns = ["examples"]
+exclude_patterns = ["examples/*"]
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
 default_role = "code"

@@ -215,10 +215,11 @@ class Driver:
 
     def _check_blocks(self, solver, database, check):
         """Refuse options that do not take a Jacobian of blocks as it is."""
-        wanted = "0,1" if self.grid.has_fluidity else "0"
-        joined = database.getString("pc_fieldsplit_0_fields", "0")
-        for option, found, good in (("pc_type", solver, PETSc.PC.Type.FIELDSPLIT),
-                                    ("pc_fieldsplit_0_fields", joined, wanted)):
+        rules = [("pc_type", solver, PETSc.PC.Type.FIELDSPLIT)]
+        if self.grid.has_fluidity:  # without it no other split is possible
+            joined = database.getString("pc_fieldsplit_0_fields", "0")
+            rules.append(("pc_fieldsplit_0_fields", joined, "0,1"))
+        for option, found, good in rules:
             if found != good:
                 raise ParameterError("dm_mat_type", "nest", f"not with @@{option} {found}; allowed "
                                      f"with {good}", prefix="")
