@@ -231,11 +231,10 @@ class Run:
     # The end
 
     def next_command(self):
-        """Return what one would type after a run, besides drawing it."""
-        path = self.writer.path
+        """Return a module that is worth starting next, with the option that takes the result."""
         if self.steady or not self.case.moving:
-            return f"python -m pgran.eigen -pgran_restart {path}"
-        return f"python -m pgran.measure {path}"
+            return "pgran.eigen -pgran_restart"
+        return "pgran.measure"
 
     def stop(self, interrupted):
         """Keep what a run has that cannot or shall not go on."""

@@ -1,5 +1,8 @@
 """What a run says on the terminal, on rank 0."""
 
+import os
+import shutil
+import sys
 import time
 
 from petsc4py import PETSc
@@ -71,13 +74,23 @@ class Terminal:
     def closing(self, writer, cost, further):
         """Say what the run took, where its results are, and which commands one would type next.
 
-        ``cost`` is that of `Driver.cost` and more; ``further`` is the second of the commands.
+        ``cost`` is that of `Driver.cost` and more; ``further`` is a module that is worth starting next, with its options.
         """
-        path = writer.path
+        path, python = writer.path, interpreter()
         self.say(f"  {cost['steps']} steps ({cost['steps_repeated']} repeated smaller), "
                  f"{cost['newton_iterations']} Newton and {cost['linear_iterations']} linear "
                  f"iterations, {cost['seconds']:.1f} s, {cost['memory']:.0f} MB\n"
                  f"  results: {path}, {path.with_suffix('.xdmf')}\n"
-                 f"  next: python -m pgran.plot {path}\n"
-                 f"        {further}\n"
-                 f"        python -c 'import pgran; print(pgran.open(\"{path}\").history)'")
+                 f"  next: {python} -m pgran.plot {path}\n"
+                 f"        {python} -m {further} {path}\n"
+                 f"        {python} -c 'import pgran; print(pgran.open(\"{path}\").history)'")
+
+
+def interpreter():
+    """Return how one types the Python that runs this, from the present folder."""
+    found = shutil.which("python")
+    if found and os.path.realpath(found) == os.path.realpath(sys.executable) \
+            and os.path.dirname(found) == os.path.dirname(sys.executable):
+        return "python"
+    near = os.path.relpath(sys.executable)
+    return sys.executable if near.startswith("..") else near
