@@ -18,6 +18,7 @@
 set -euo pipefail
 home="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 python=${PGRAN_PYTHON:-$home/.venv/bin/python}
+[[ -x $python ]] || python=$(command -v python3)
 
 usage() {
     sed -n '2,20s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"
@@ -117,11 +118,11 @@ cat > "$file" <<TEMPLATE
 # pgran: $kind, from the repository. Made by jobs/cluster.sh; change that.
 #
 # Budget: $ranks ranks, $clock hours, $memory GB.
-# PGRAN_PYTHON is the Python that has petsc4py, slepc4py and h5py; PGRAN_LAUNCH starts the ranks.
+# PGRAN_PYTHON is the Python that has petsc4py and pgran; PGRAN_LAUNCH starts the ranks.
 $directives
 set -euo pipefail
 cd "$folder"
-export PGRAN_PYTHON=\${PGRAN_PYTHON:-\$(command -v python3)} PGRAN_RANKS=$ranks
+export PGRAN_PYTHON=\${PGRAN_PYTHON:-$python} PGRAN_RANKS=$ranks
 export PGRAN_LAUNCH=\${PGRAN_LAUNCH:-$launch}
 $body
 TEMPLATE

@@ -19,7 +19,7 @@ band = result.snapshots[-1].band()
 if band["angle"] is not None:
     print(f"angle {band['angle']:.1f} degrees, width {band['width']:.1f} d")
 
-figure, axes = plt.subplots()
+figure, axes = plt.subplots(layout="constrained")
 axes.plot(100 * result.history["compression"], result.history["top_stress"])
 axes.set(xlabel="compression (%)", ylabel=f"stress on the plate ({result.case.stress_unit})")
 figure.savefig("results/band_stress.png")
@@ -29,7 +29,7 @@ figure.savefig("results/band_stress.png")
 
 # %%
 last = result.snapshots[-1]
-figure, axes = plt.subplots()
+figure, axes = plt.subplots(layout="constrained")
 drawn = axes.pcolormesh(*last.x.transpose(2, 0, 1), last["strain"], shading="gouraud")
 axes.set(aspect="equal", xlabel="$x_1$ (d)", ylabel="$x_2$ (d)", title=last.label)
 figure.colorbar(drawn, label="equivalent strain")

@@ -18,14 +18,15 @@ print(f"waves longer than {2 * np.pi * amplitude / cutoff:.1f} d grow in NGF")
 
 # %%
 k = np.linspace(0.002, 0.3, 200)
-figure, axes = plt.subplots()
+figure, axes = plt.subplots(layout="constrained")
 for model, coefficients in models.items():
     direction = waves.fastest(models["ngf"])[2]
     angle = np.radians(waves.direction_angle(direction, waves.PURE_SHEAR))
     rate = waves.pure_shear_growth(k * np.cos(angle), k * np.sin(angle), coefficients)
     axes.plot(k, rate, label=model.upper())
 axes.axhline(0, color="grey", linewidth=0.8)
-axes.set(xlabel="wave number", ylabel="growth rate", ylim=(-0.02, None))
+axes.set(xlabel="wave number, k A d", ylabel="growth rate, in viscous units",
+         ylim=(-0.001, 0.001))
 axes.legend()
 figure.savefig("results/theory.png")
 

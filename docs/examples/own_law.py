@@ -13,7 +13,7 @@ import pgran
 
 law = PowerLaw(mu_s=0.26, c=0.8, n=0.5)
 I = np.geomspace(1e-4, 1.0, 100)
-figure, axes = plt.subplots()
+figure, axes = plt.subplots(layout="constrained")
 axes.semilogx(I, law.stress_ratio(I)[0])
 axes.set(xlabel="I", ylabel="mu")
 figure.savefig("results/own_law.png")

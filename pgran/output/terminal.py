@@ -74,7 +74,8 @@ class Terminal:
     def closing(self, writer, cost, further):
         """Say what the run took, where its results are, and which commands one would type next.
 
-        ``cost`` is that of `Driver.cost` and more; ``further`` is a module that is worth starting next, with its options.
+        ``cost`` is that of `Driver.cost` and more; ``further`` is a module that is worth starting
+        next, with its options.
         """
         path, python = writer.path, interpreter()
         self.say(f"  {cost['steps']} steps ({cost['steps_repeated']} repeated smaller), "
