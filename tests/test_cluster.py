@@ -10,8 +10,9 @@ from conftest import ROOT
 
 from pgran.output.result import Result
 
-SMALL = ("-pgran_width", "8", "-pgran_height", "24", "-pgran_compression", "0.004",
-         "-pgran_snapshots", "0.002,0.004")
+#: A run of some five seconds.
+SMALL = ("-pgran_width", "8", "-pgran_height", "24", "-pgran_element_size", "0.5",
+         "-pgran_compression", "0.01", "-pgran_snapshots", "0.005,0.01", "-pgran_step_max", "4e-4")
 KINDS = {"run": ["2", "options/biaxial.opts", "-pgran_element_size", "1"],
          "chain": ["2", "options/biaxial.opts", "-pgran_element_size", "1"],
          "sweep": ["1", "docs/examples/sweep.py", "4", "1", "2"], "scaling": ["8"],
@@ -50,13 +51,13 @@ def test_a_script_is_valid_and_has_its_budget(folder, system, kind):
 
 def test_a_chain_goes_on_until_it_is_finished_with_the_answer_of_one_run(folder):
     """Without a batch system: qsub, as a script that tells, queues it again."""
-    made(folder, "pbs", "chain", "1", "options/biaxial.opts", *SMALL, PGRAN_TIME="00:00:04",
+    made(folder, "pbs", "chain", "1", "options/biaxial.opts", *SMALL, PGRAN_TIME="00:00:05",
          PGRAN_MARGIN="2")
     (folder / "qsub").write_text("#!/bin/sh\necho again >> queued\n")
     (folder / "qsub").chmod(0o755)
     environment = {**os.environ, "PGRAN_PYTHON": sys.executable, "PBS_O_WORKDIR": str(folder),
                    "PYTHONPATH": str(ROOT), "PATH": f"{folder}:{os.environ['PATH']}"}
-    for link in range(1, 40):
+    for link in range(1, 20):
         subprocess.run(["bash", "pgran-chain.pbs"], cwd=folder, env=environment, check=True,
                        timeout=60, capture_output=True)
         queued = (folder / "queued").read_text().count("again") if (folder / "queued").exists() \
