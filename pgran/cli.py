@@ -51,7 +51,8 @@ HEADS = ("ts", "snes", "ksp", "pc", "mat", "vec", "dm", "da", "is", "fieldsplit"
          "eps", "bv", "ds", "rg", "step", "log", "malloc", "options", "info", "on", "fp", "start",
          "stop", "debug", "memory", "objects", "check", "error", "get", "version", "citations",
          "viewer", "draw", "display", "npc", "inner", "telescope", "redundant", "use", "device",
-         "cuda", "hip", "kokkos", "saws", "petsc", "skip", "python", "mpi", "not", "help", "esteig")
+         "coarse", "cuda", "hip", "kokkos", "saws", "petsc", "skip", "python", "mpi", "not", "help",
+         "esteig")
 #: What a run is solved with unless its options choose: options/direct.opts ...
 DIRECT = {"ts_adapt_scale_solve_failed": "0.25", "snes_linesearch_type": "basic",
           "snes_rtol": "1e-8", "snes_atol": "1e-8", "snes_stol": "0", "snes_max_it": "12",

@@ -275,6 +275,9 @@ RUN = (
              changeable=True),
     Option("chord", "bool", True, "", "Newton's method takes the chord of F in place of its "
            "tangent near the double root of the fluidity equation", changeable=True),
+    Option("coarse_correction", "bool", False, "", "every linear system is first solved on the "
+           "coarsest grid that resolves the growing waves, for all fields together; for specimens "
+           "much wider than a band", changeable=True),
     positive("steady_time", 1e3, "1/gdot0", "steady flow, with -ts_type pseudo and in spectra "
              "about a snapshot, may deform elastically within this time; it makes the material "
              "that rests nearly rigid", "theta = 1/(G T)", changeable=True),

@@ -23,6 +23,7 @@ from .result import QUANTITIES, Result
 #: Formats of pictures and of movies.
 FORMATS, MOVIES = ("png", "svg", "pdf"), (".gif", ".mp4")
 COLOURS = "viridis"
+SIGMA = r"$|\sigma_1|$"
 #: Inches of the longer side of a panel, and pixels an inch.
 SIDE, DPI = 5.5, 150
 #: Arrows along the longer side of a panel.
@@ -60,9 +61,6 @@ def label(result, name):
     unit = result.unit(name)
     return f"${QUANTITIES[name].symbol}$" + (f" ({unit.replace('|sigma_1|', SIGMA)})"
                                              if unit else "")
-
-
-SIGMA = r"$|\sigma_1|$"
 
 
 def scale(values, style):

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..options import Interrupted, OptionError, ParameterError, SolutionError
-from ..space import multigrid
+from ..space import coarse, multigrid
 from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
 from .balance import Balance
@@ -185,7 +185,10 @@ class Driver:
         ts.setTimeStep(self._first_step)
         ts.setFromOptions()
         self._check_options(ts)
-        self.schur = multigrid.configure(ts.getSNES().getKSP(), form)
+        ksp = ts.getSNES().getKSP()
+        self.schur = multigrid.configure(ksp, form)
+        if self.parameters.coarse_correction:
+            coarse.correct(ksp, ts.getDM(), form)
         return ts
 
     def _check_options(self, ts):

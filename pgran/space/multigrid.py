@@ -45,15 +45,31 @@ def node_level(form, names):
               for part in grid.nodes.dm.getOwnershipRanges()]
     at = [np.arange(2 * n + 1.0) for n in grid.shape]
     level = NodeLevel(grid.comm, at, grid.periodic, starts, len(held), held.T.ravel())
+    few = np.ceil(np.log2(max(1.0, np.prod(grid.shape) / form.case.most_coarse)) / 2.0)
+    level.depth = min(level.coarsenings, max(resolving(form), int(few)))
+    return level
+
+
+def resolving(form):
+    """Return how often elements can be joined in pairs until they just resolve what couples.
+
+    At least once. `pgran.cases.Case.coarsest` says how large they may be. Collective.
+    """
+    grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
     area, = grid.comm.tompi4py().allreduce(form.integrals(
         np.empty((0, grid.nodes.size)), Geometry(x[:, grid.element_nodes])))
     coarsest = form.case.coarsest * form.material.model.length
-    elements = np.prod(grid.shape)
-    halvings = max(1.0, np.floor(np.log2(coarsest * np.sqrt(elements / area))),
-                   np.ceil(np.log2(max(1.0, elements / form.case.most_coarse)) / 2.0))
-    level.depth = min(level.coarsenings, int(halvings))
-    return level
+    return max(1, int(np.floor(np.log2(coarsest * np.sqrt(np.prod(grid.shape) / area)))))
+
+
+def corner_level(form):
+    """Return the level of the pressures, whose interpolation is linear."""
+    corners = form.grid.corners
+    starts = [np.concatenate([[0], np.cumsum(part)]) for part in corners.dm.getOwnershipRanges()]
+    held = form.grid.split(form.held)[2][corners.owned]
+    return NodeLevel(form.grid.comm, [np.arange(n + 1.0) for n in form.grid.shape],
+                     form.grid.periodic, starts, 1, held, degree=1)
 
 
 def configure(ksp, form):
@@ -72,7 +88,7 @@ def configure(ksp, form):
 
 
 class NodeLevel:
-    """The Q2 nodes of one grid of a hierarchy, numbered as the unknowns of a block are.
+    """The nodes of one grid of a hierarchy, numbered as the unknowns of a block are.
 
     A rank owns the coarse nodes that coincide with its fine ones.
 
@@ -90,6 +106,8 @@ class NodeLevel:
         Which unknowns are prescribed, node by node.
     kept : tuple of ndarray, optional
         The nodes of the finer level that this one has, along x1 and x2, as ``at`` has them.
+    degree : int
+        2 for Q2 nodes, 1 for corners.
 
     Attributes
     ----------
@@ -101,10 +119,10 @@ class NodeLevel:
 
     depth = 0
 
-    def __init__(self, comm, at, periodic, starts, dof, held, kept=None):
+    def __init__(self, comm, at, periodic, starts, dof, held, kept=None, degree=2):
         self.comm, self.at, self.periodic, self.starts = comm, at, periodic, starts
-        self.dof, self.held, self.kept = dof, held, kept
-        self.shape = tuple(len(x) // 2 for x in at)
+        self.dof, self.held, self.kept, self.degree = dof, held, kept, degree
+        self.shape = tuple((len(x) - 1) // degree for x in at)
         part = comm.rank % (len(starts[0]) - 1), comm.rank // (len(starts[0]) - 1)
         self.range = [(start[k], start[k + 1]) for start, k in zip(starts, part)]
         counts = np.outer(np.diff(starts[1]), np.diff(starts[0])).ravel()
@@ -123,13 +141,13 @@ class NodeLevel:
         if not self.coarsenings:
             raise ParameterError("pc_mg_levels", None, "too many, as one element cannot be joined "
                                  "with others", prefix="")
-        kept = [_joined_nodes(n) for n in self.shape]
+        kept = [_joined_nodes(n, self.degree) for n in self.shape]
         mine = np.ix_(*(np.isin(np.arange(*span), nodes)
                         for span, nodes in zip(reversed(self.range), reversed(kept))))
         held = self.held.reshape([np.diff(span)[0] for span in reversed(self.range)] + [self.dof])
         return NodeLevel(self.comm, [x[nodes] for x, nodes in zip(self.at, kept)], self.periodic,
                          [np.searchsorted(nodes, start) for nodes, start in zip(kept, self.starts)],
-                         self.dof, held[mine].ravel(), kept)
+                         self.dof, held[mine].ravel(), kept, self.degree)
 
     def number(self, i, j):
         """Return the place of nodes among those of all ranks; ``i``, ``j`` global indices."""
@@ -143,7 +161,7 @@ class NodeLevel:
     def interpolation(self, fine):
         """Return the matrix that takes unknowns of this level to the next finer one. Collective.
 
-        Q2 interpolation between free unknowns, the identity between prescribed ones.
+        The elements' own interpolation between free unknowns, the identity between prescribed ones.
         """
         (i, across), (j, up) = (
             self._along(axis, fine.range[axis], fine.at[axis]) for axis in range(2))
@@ -169,20 +187,20 @@ class NodeLevel:
         return matrix
 
     def _along(self, axis, span, finer):
-        """Nodes of this level (n, 3) and their weights (n, 3) at fine nodes in one direction.
+        """Nodes of this level (n, degree + 1) and their weights at fine nodes in one direction.
 
         The fine nodes are those of a ``span``, and ``finer`` says where all of them are.
         """
-        kept, x = self.kept[axis], self.at[axis]
+        kept, x, degree = self.kept[axis], self.at[axis], self.degree
         fine = np.arange(*span)
-        element = np.searchsorted(kept[2:-1:2], fine)
-        node = 2 * element[:, None] + np.arange(3)
+        element = np.searchsorted(kept[degree:-1:degree], fine)
+        node = degree * element[:, None] + np.arange(degree + 1)
         weight = _lagrange(x[node], finer[fine])
         if self.periodic[axis]:
-            node %= 2 * self.shape[axis]
+            node %= degree * self.shape[axis]
             if self.shape[axis] == 1:  # both ends of the element are one node
-                weight[:, 0] += weight[:, 2]
-                weight[:, 2] = 0.0
+                weight[:, 0] += weight[:, -1]
+                weight[:, -1] = 0.0
         return node, weight
 
     def _free(self):
@@ -195,18 +213,18 @@ class NodeLevel:
         return PETSc.Vec().createMPI((self.held.size, None), bsize=self.dof, comm=self.comm)
 
 
-def _joined_nodes(n):
+def _joined_nodes(n, degree):
     """The nodes of ``n`` elements that are left when they are joined in pairs."""
-    pairs = np.arange(0, 4 * (n // 2) + 1, 2)
-    return np.concatenate([pairs, pairs[-1] + [1, 2]]) if n % 2 else pairs
+    pairs = np.arange(0, 2 * degree * (n // 2) + 1, 2)
+    return np.concatenate([pairs, pairs[-1] + np.arange(1, degree + 1)]) if n % 2 else pairs
 
 
 def _lagrange(nodes, x):
-    """The weights (n, 3) at ``x`` (n,) of the quadratic through values at ``nodes`` (n, 3)."""
-    a, b, c = nodes.T
-    return np.array([(x - b) * (x - c) / ((a - b) * (a - c)),
-                     (x - a) * (x - c) / ((b - a) * (b - c)),
-                     (x - a) * (x - b) / ((c - a) * (c - b))]).T
+    """The weights (n, m) at ``x`` (n,) of the polynomials through values at ``nodes`` (n, m)."""
+    m = nodes.shape[1]
+    apart = nodes[:, :, None] - nodes[:, None, :] + np.eye(m)
+    there = np.where(np.eye(m, dtype=bool), 1.0, x[:, None, None] - nodes[:, None, :])
+    return np.prod(there / apart, axis=2)
 
 
 def _shell(comm, sets, vector, level):
