@@ -122,7 +122,7 @@ def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_f
     assert found["large", 1] == found["large", 2] <= 27 < 35 < found["biaxial", 2], found
 
 
-def test_a_coarse_grid_for_all_fields_works_in_flows_on_fixed_meshes_and_needs_blocks(tmp_path):
+def test_iterations_with_a_coarse_grid_for_all_fields_converge_in_flows_and_need_blocks(tmp_path):
     flow = ("-options_file", ROOT / "options" / "flows_mg.opts", "-pgran_coarse_correction",
             "true", "-pgran_element_size", 1)
     pgran(2, "planar_shear.opts", tmp_path / "x.h5", *flow, "-dm_mat_type", "nest")

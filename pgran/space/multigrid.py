@@ -165,9 +165,9 @@ class NodeLevel:
         """
         (i, across), (j, up) = (
             self._along(axis, fine.range[axis], fine.at[axis]) for axis in range(2))
-        dof, n = self.dof, fine.held.size // self.dof
-        weight = (up[:, None, :, None] * across[None, :, None, :]).reshape(n, -1)
-        node = self.number(i[None, :, None, :], j[:, None, :, None]).reshape(n, -1)
+        dof, n, around = self.dof, fine.held.size // self.dof, (self.degree + 1)**2
+        weight = (up[:, None, :, None] * across[None, :, None, :]).reshape(n, around)
+        node = self.number(i[None, :, None, :], j[:, None, :, None]).reshape(n, around)
         used = np.repeat(weight[:, None] != 0.0, dof, axis=1)  # (fine nodes, dof, coarse nodes)
         start = np.concatenate([[0], np.cumsum(used.sum(axis=2))])
         column = (node * dof)[:, None] + np.arange(dof)[:, None]
