@@ -162,6 +162,8 @@ class Run:
         """Write and report an accepted step."""
         from petsc4py import PETSc
 
+        from .output import live
+
         with PETSc.Log.Stage("Output"):
             self.begin()
             self.writer.record(**report)
@@ -180,7 +182,7 @@ class Run:
                 self.checkpoint()
             every = self.parameters.picture_every
             if every and driver.ts.getStepNumber() % every == 0:
-                self.picture()
+                live.picture(self.writer, driver)
 
     # Checkpoints
 
@@ -219,14 +221,6 @@ class Run:
         if self.driver.started:
             return f"@restart {self.writer.path} seeks the steady flow from there"
         return "there is nothing to go on from: start it again"
-
-    # Pictures of a run
-
-    def picture(self):
-        """Draw the inertial number of the last state beside the result file, on rank 0."""
-        from .output import live
-
-        live.picture(self.writer, self.driver)
 
     # The end
 

@@ -68,7 +68,7 @@ def drawn(asked, paths):
 
     style = pictures.Style(asked.limits, asked.log, asked.mesh, asked.arrows, asked.band,
                            not asked.no_outline)
-    suffix = f".{asked.format}"
+    suffix, one = f".{asked.format}", -1 if asked.snapshot is None else asked.snapshot
 
     def target(words):
         return Path(asked.output or Path(paths[0]).with_name(
@@ -80,14 +80,13 @@ def drawn(asked, paths):
     written = []
     for name in asked.field.split(","):
         if asked.show:
-            snapshot, = pictures.snapshots_of(Result(paths[0]), asked.snapshot or -1)
+            snapshot, = pictures.snapshots_of(Result(paths[0]), one)
             written += pictures.window(snapshot, name)
         elif asked.movie:
             written += pictures.movie(Result(paths[0]), name, style, asked.movie)
         elif asked.line:
             written += pictures.profiles(
-                [Result(path) for path in paths], name, asked.line, target(f"{name}_line"),
-                -1 if asked.snapshot is None else asked.snapshot)
+                [Result(path) for path in paths], name, asked.line, target(f"{name}_line"), one)
         elif asked.together:
             chosen = [snapshot for path in paths
                       for snapshot in pictures.snapshots_of(Result(path), asked.snapshot)]

@@ -52,8 +52,7 @@ def look(path, column):
         raise OptionError(f"-column {column}: {path} has " + ", ".join(sorted(history)))
     if not steps:
         return [*lines, "  no step yet"], False
-    counted = history.get(case.counted_by, history["time"])
-    done = counted / case.count(case.targets[-1])
+    done = np.array([case.count(time) for time in history["time"]]) / case.count(case.targets[-1])
     if result.complete:
         state = f"complete after {pace.words(result.attributes['seconds'])}"
     else:
@@ -69,8 +68,7 @@ def look(path, column):
               f"{history['newton_iterations'][-1]} Newton and {history['linear_iterations'][-1]} "
               f"linear iterations, I {history['inertial_number_min'][-1]:.2e} to "
               f"{history['inertial_number_max'][-1]:.2e}",
-              f"  {column} over {case.counted_by if case.counted_by in history else 'time'}:",
-              *curve(counted, history[column])]
+              f"  {column} over time:", *curve(history["time"], history[column])]
     return lines, result.complete
 
 

@@ -7,6 +7,9 @@ import numpy as np
 from .files import Disk, blocks_of, write_blocks
 from .result import Snapshot
 
+#: What is drawn.
+FIELD = "inertial_number"
+
 
 def gathered(grid, fields):
     """Return nodal fields (ny, nx, ...) on rank 0 from those at local nodes; None elsewhere.
@@ -26,7 +29,8 @@ def picture(writer, driver):
     Raises `pgran.options.ParameterError` where rank 0 cannot.
     """
     case, number = driver.case, driver.ts.getStepNumber()
-    fields = gathered(driver.grid, driver.fields())
+    fields = driver.fields()
+    fields = gathered(driver.grid, {name: fields[name] for name in ("coordinates", FIELD)})
 
     def draw():
         try:
@@ -38,7 +42,7 @@ def picture(writer, driver):
         snapshot = Snapshot(result, f"{number}", {"time": driver.state.time,
                                                   "label": case.label(driver.state.time)})
         snapshot.keep(fields)
-        panels([snapshot], "inertial_number", Style()).savefig(
+        panels([snapshot], FIELD, Style()).savefig(
             writer.path.with_name(f"{writer.path.stem}_step{number:04d}.png"))
 
     Disk(driver.comm, "picture_every", case.parameters.picture_every).do(draw)

@@ -1,11 +1,12 @@
 """Pictures of results as a paper prints them, by matplotlib: fields, profiles, curves, movies.
 
-Every function returns the paths that it wrote. Fields are drawn on the deformed shape, smoothly
-between the Q2 nodes; the suffix of a path chooses PNG, SVG or PDF.
+Fields are drawn on the deformed shape, smoothly between the Q2 nodes. The suffix of a path chooses
+PNG, SVG or PDF. What writes files returns their paths.
 """
 
+import os
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib
@@ -18,7 +19,9 @@ from matplotlib.tri import LinearTriInterpolator, Triangulation
 
 from ..options import OptionError
 from .reading import ResultError
-from .result import QUANTITIES, Result
+from .result import QUANTITIES, Result, cells
+
+matplotlib.rcParams["svg.fonttype"] = "none"  # text of an SVG stays text
 
 #: Formats of pictures and of movies.
 FORMATS, MOVIES = ("png", "svg", "pdf"), (".gif", ".mp4")
@@ -167,7 +170,7 @@ def panels(chosen, name, style):
     return figure
 
 
-def pictures(path, name="inertial_number", style=Style(limits=None), suffix=".png", which=None):
+def pictures(path, name="inertial_number", style=Style(), suffix=".png", which=None):
     """Draw each snapshot of a result beside it, NAME_0000.png and so on, on one colour scale.
 
     Parameters
@@ -188,7 +191,7 @@ def pictures(path, name="inertial_number", style=Style(limits=None), suffix=".pn
     result, written = Result(path), []
     chosen = snapshots_of(result, which)
     norm = scale([snapshot[name] for snapshot in result.snapshots], style)
-    style = Style(**{**vars(style), "limits": (norm.vmin, norm.vmax)})
+    style = replace(style, limits=(norm.vmin, norm.vmax))
     more = "" if name == "inertial_number" else f"_{name}"
     for snapshot in chosen:
         target = result.path.with_name(f"{result.path.stem}{more}_{snapshot.name}{suffix}")
@@ -228,11 +231,9 @@ def along_line(snapshot, name, ends, points=400):
     first, last = np.reshape(ends, (2, 2))
     share = np.linspace(0.0, 1.0, points)
     at = first + share[:, None] * (last - first)
-    ny, nx = snapshot.x.shape[:2]
-    j, i = (index.ravel() for index in np.mgrid[:ny - 1, :nx - 1])
-    a, b, c, d = j * nx + i, j * nx + i + 1, (j + 1) * nx + i + 1, (j + 1) * nx + i
-    mesh = Triangulation(*snapshot.x.reshape(-1, 2).T, np.concatenate(
-        [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]))
+    quads = cells(snapshot.x.shape[:2], snapshot.result.closed)
+    mesh = Triangulation(*snapshot.x.reshape(-1, 2).T,
+                         np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
     found = LinearTriInterpolator(mesh, snapshot[name].ravel())(*at.T)
     return share * np.hypot(*(last - first)), found.filled(np.nan)
 
@@ -296,7 +297,7 @@ def movie(result, name, style, target, rate=8):
                           " a movie needs two, and better fifty, which @@pgran_snapshots asks for")
     norm = scale([snapshot[name] for snapshot in result.snapshots], style)
     tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.x[..., 1]))
-    figure = panels([tallest], name, Style(**{**vars(style), "limits": (norm.vmin, norm.vmax)}))
+    figure = panels([tallest], name, replace(style, limits=(norm.vmin, norm.vmax)))
     axes = figure.axes[0]
     every = np.concatenate([snapshot.x.reshape(-1, 2) for snapshot in result.snapshots])
     low, high = every.min(axis=0), every.max(axis=0)
@@ -317,8 +318,6 @@ def movie(result, name, style, target, rate=8):
 
 def window(snapshot, name):
     """Show a snapshot in an interactive window of pyvista; raises `OptionError` without display."""
-    import os
-
     import pyvista
 
     if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
@@ -329,6 +328,3 @@ def window(snapshot, name):
     plotter.view_xy()
     plotter.show()
     return []
-
-
-matplotlib.rcParams["svg.fonttype"] = "none"  # text of an SVG stays text

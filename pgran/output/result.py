@@ -308,6 +308,18 @@ def nodal_slope(values, axis, closed=False):
     return np.moveaxis(slope[2:-2] if closed else slope, 0, axis)
 
 
+def cells(shape, closed):
+    """Return the nodes (n, 4) of the cells between ``shape`` = (ny, nx) nodes, counterclockwise.
+
+    ``closed`` says whether the last nodes along x1 and along x2 neighbour the first ones.
+    """
+    ny, nx = shape
+    wide, high = (n if wrap else n - 1 for n, wrap in zip((nx, ny), closed))
+    j, i = (index.ravel() for index in np.mgrid[:high, :wide])
+    across, up = (i + 1) % nx, (j + 1) % ny
+    return np.stack([j * nx + i, j * nx + across, up * nx + across, up * nx + i], axis=1)
+
+
 def q2_elements(shape, closed=(False, False)):
     """Return the nodes (n, 9) of the Q2 elements on ``shape`` = (ny, nx) nodes, in VTK's order.
 

@@ -24,6 +24,7 @@ from ..options import PREFIX, ParameterError
 from .checkpoint import NAME, checkpoints_of
 from .files import Disk, Draft, Lock, blocks_of, local_part, together, write_blocks, write_text
 from .reading import FIELDS, FORMAT, ResultError, opened, stored_parameters
+from .result import cells
 from .vtkhdf import link
 
 #: Columns of the history of a run in time: energies (stress d^2) and volume (d^2), per unit depth.
@@ -350,18 +351,6 @@ class Source:
         fields = {key: data.shape[2:] for key, data in groups[kept[-1]].items()
                   if key != "coordinates"} if kept else {}
         return [(name, float(groups[name].attrs["time"])) for name in kept], fields
-
-
-def cells(shape, closed):
-    """Return the nodes (n, 4) of the cells between ``shape`` = (ny, nx) nodes, counterclockwise.
-
-    ``closed`` says whether the last nodes along x1 and along x2 neighbour the first ones.
-    """
-    ny, nx = shape
-    wide, high = (n if wrap else n - 1 for n, wrap in zip((nx, ny), closed))
-    j, i = (index.ravel() for index in np.mgrid[:high, :wide])
-    across, up = (i + 1) % nx, (j + 1) % ny
-    return np.stack([j * nx + i, j * nx + across, up * nx + across, up * nx + i], axis=1)
 
 
 def write_xdmf(path, shape, snapshots, fields, closed=(False, False)):

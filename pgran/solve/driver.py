@@ -212,6 +212,9 @@ class Driver:
                   "false: a step that fails is repeated smaller")
         if matrix_type() == PETSc.Mat.Type.NEST:
             self._check_blocks(ts.getSNES().getKSP().getPC().getType(), database, check)
+        elif self.parameters.coarse_correction:
+            raise ParameterError("coarse_correction", "true", "it takes the Jacobian as blocks; "
+                                 "allowed with @@dm_mat_type nest")
         share = database.getReal("ts_adapt_scale_solve_failed", 0.25)
         check("ts_adapt_scale_solve_failed", share, 0.0 < share < 1.0, "a number > 0 and < 1: a "
               "step that fails is repeated smaller")

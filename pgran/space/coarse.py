@@ -15,19 +15,11 @@ from functools import reduce
 
 from petsc4py import PETSc
 
-from ..options import ParameterError
 from . import multigrid
 
 
 def correct(ksp, dm, form):
-    """Put a `CoarseCorrection` around the PC of a KSP, which has its options. Collective.
-
-    Raises `ParameterError` where the Jacobian is no blocks.
-    """
-    kind = PETSc.Options().getString("dm_mat_type", PETSc.Mat.Type.AIJ)
-    if kind != PETSc.Mat.Type.NEST:
-        raise ParameterError("coarse_correction", "true", "it takes the Jacobian as blocks; "
-                             "allowed with @@dm_mat_type nest")
+    """Put a `CoarseCorrection` around the PC of a KSP, which has its options. Collective."""
     pc = PETSc.PC().create(comm=form.grid.comm)
     pc.setType(PETSc.PC.Type.PYTHON)
     pc.setPythonContext(CoarseCorrection(ksp.getPC(), dm, form))
