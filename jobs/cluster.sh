@@ -10,18 +10,19 @@
 # run is one run. chain asks to be queued again before its time ends, as often as it needs, and goes
 # on from its last checkpoint: the answer is that of one long run. sweep is a job array over the
 # points of a script that calls pgran.sweep (docs/examples/sweep.py). scaling is
-# jobs/bench/weak.sh on 1, 2, 4, ... ranks. job is any script of jobs/: figures 6 and 7 with all
-# meshes take 2 hours and 12 GB, or 4 hours and 16 GB, on 8 ranks. The script, pgran-KIND.slurm or pgran-KIND.pbs, is
-# written to the present folder; time and memory are twice what pgran.budget estimates. PGRAN_TIME
-# (HH:MM:SS) and PGRAN_MEMORY (GB) take their place, and PGRAN_MARGIN seconds (a twentieth of the
-# time, at least 60) are left to write the last checkpoint.
+# jobs/bench/weak.sh on 1, 2, 4, ... ranks. job is any script of jobs/.
+#
+# The script, pgran-KIND.slurm or pgran-KIND.pbs, is written to the present folder. Time and memory of
+# run and chain are twice what pgran.budget estimates. PGRAN_TIME (HH:MM:SS) and PGRAN_MEMORY (GB)
+# take their place, and PGRAN_MARGIN seconds (a twentieth of the time, at least 60) are left to write
+# the last checkpoint.
 set -euo pipefail
 home="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 python=${PGRAN_PYTHON:-$home/.venv/bin/python}
 [[ -x $python ]] || python=$(command -v python3)
 
 usage() {
-    sed -n '2,20s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"
+    sed -n '2,/^set/{/^set/d;s/^# \{0,1\}//p}' "${BASH_SOURCE[0]}"
     [[ -z ${1:-} ]] || echo "jobs/cluster.sh: error: $1" >&2
     exit 1
 }
@@ -34,25 +35,28 @@ shift 3
 
 estimate() {  # hours and memory of a run with an options file and options
     local line
-    line=$(PYTHONPATH="$home" "$python" -m pgran.budget -options_file "$1" -ranks "$ranks" "${@:2}")
+    line=$(PYTHONPATH="$home" "$python" -m pgran.budget -options_file "$1" -ranks "$ranks" "${@:2}") \
+        || return 1
     echo "${line%%$'\n'*}" >&2
     sed -n 's/^# Budget: [0-9]* ranks, \([0-9]*\) hours, \([0-9]*\) GB$/\1 \2/p' <<< "$line"
 }
 
-hours=1 memory=$((2 * ranks)) array="" again=""
+hours=1 memory=$((2 * ranks)) array=""
 case $kind in
     run | chain)
         (($#)) || usage "$kind: FILE.opts is missing"
         found=$(estimate "$@")
         read -r hours memory <<< "$found"
         output=$(basename "$1" .opts).h5
-        body="\"\$PGRAN_PYTHON\" -m pgran.studies launch results/$output $*"
+        printf -v body ' %q' "results/$output" "$@"
+        body="\"\$PGRAN_PYTHON\" -m pgran.studies launch$body"
         ;;
     sweep)
         (($# == 4)) || usage "sweep: SCRIPT.py POINTS HOURS MEMORY_GB are needed"
         [[ $2 =~ ^[1-9][0-9]*$ ]] || usage "$2: allowed is a number of points"
         hours=$3 memory=$4 array="0-$(($2 - 1))"
-        body="\"\$PGRAN_PYTHON\" $1"
+        printf -v body '%q' "$1"
+        body="\"\$PGRAN_PYTHON\" $body"
         ;;
     scaling)
         list="" count=1
@@ -97,7 +101,6 @@ else
     # shellcheck disable=SC2016
     folder='$PBS_O_WORKDIR' again="qsub $file" launch="mpiexec -n $ranks"
 fi
-[[ $kind != sweep ]] || launch=${launch/srun/srun --exact}
 
 if [[ $kind == chain ]]; then
     # 75 is the exit code of a run that was asked to stop and can go on. timeout asks it in time.
@@ -122,7 +125,7 @@ cat > "$file" <<TEMPLATE
 $directives
 set -euo pipefail
 cd "$folder"
-export PGRAN_PYTHON=\${PGRAN_PYTHON:-$python} PGRAN_RANKS=$ranks
+export PGRAN_PYTHON="\${PGRAN_PYTHON:-$python}" PGRAN_RANKS=$ranks
 export PGRAN_LAUNCH=\${PGRAN_LAUNCH:-$launch}
 $body
 TEMPLATE

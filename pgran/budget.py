@@ -6,20 +6,20 @@
 The estimate is that of docs/performance.md: what a Newton iteration and an unknown took in the runs
 at hand, times how many there will be. It holds within a factor of two for the specimen, with the
 solvers of options/biaxial.opts and of options/direct.opts or options/li.opts. For other cases give
-the number of Newton iterations. An hour of slack is what a batch system should be asked for.
+the number of Newton iterations. The last line is what to ask a batch system for: twice as much, in
+whole hours and GB.
 """
 
 import sys
 from typing import NamedTuple
 
 from . import cases
-from .cli import JSON, answer, as_json, own, read_file
-from .options import PREFIX, OptionError, ParameterError
+from .cli import HEADS, JSON, answer, as_json, own, read_file
+from .options import PREFIX, OptionError
 from .output import pace
-from .space.element import DIM
 
 ROWS = (
-    own("options_file", "str", "file of options, which the command line wins over"),
+    own("options_file", "str", "file of options, which the command line and further files win over"),
     own("ranks", "int", "ranks of the run, a core for each", 2, low=1),
     own("newton", "int", "Newton iterations of the run; those of a specimen unless given", low=1),
     JSON)
@@ -27,12 +27,12 @@ ROWS = (
 MULTIGRID = 5.5e-6
 #: Core seconds of MUMPS for a Newton iteration with a million unknowns, and its growth.
 DIRECT, GROWTH = 20.0, 1.25
-#: Share of a core that each doubling of the ranks leaves to MUMPS.
+#: The time of MUMPS falls with the ranks to this power.
 SPEEDUP = 0.7
 #: Bytes of an unknown: multigrid, and MUMPS with a million unknowns; and of a rank by itself.
 BYTES, DIRECT_BYTES, RANK = 3.4e3, 5.6e3, 115e6
-#: Newton iterations to 10 % compression, and how they grow with it.
-NEWTON, POWER = {True: 320, False: 260}, 0.45
+#: Newton iterations to 10 % compression, how they grow with it, and those of the local model.
+NEWTON, POWER, LOCAL_NEWTON = 320, 0.45, 260
 
 
 class Budget(NamedTuple):
@@ -44,27 +44,19 @@ class Budget(NamedTuple):
     memory: float
 
 
-def unknowns(case):
-    """Return how many unknowns a case has."""
-    (nx, ny), wraps = case.shape, [int(wrap) for wrap in case.periodic]
-    nodes = (2 * nx + 1 - wraps[0]) * (2 * ny + 1 - wraps[1])
-    corners = (nx + 1 - wraps[0]) * (ny + 1 - wraps[1])
-    return nodes * (DIM + int(case.material.model.has_fluidity)) + corners
-
-
 def budget(case, ranks, multigrid, newton=None):
     """Return the `Budget` of a case.
 
     Raises `OptionError` where the number of Newton iterations is needed and missing.
     """
-    count = unknowns(case)
+    count, local = case.unknowns, not case.material.model.has_fluidity
     if newton is None:
-        if not case.specimen and not case.moving:
+        if case.counted_by == "time":
             raise OptionError(f"-newton: how many Newton iterations a run of "
                               f"{case.parameters.case} takes is not known; give a number")
         share = case.count(case.targets[-1]) / 0.1
         # A local model yields sharply: its iterations belong to yielding, whatever the end is.
-        newton = NEWTON[True] * share**POWER if case.material.model.has_fluidity else NEWTON[False]
+        newton = LOCAL_NEWTON if local else NEWTON * share**POWER
     if multigrid:
         return Budget(count, newton, MULTIGRID * count * newton / ranks,
                       BYTES * count + RANK * ranks)
@@ -89,19 +81,24 @@ def run(parameters, asked, solver):
 
 def main(arguments):
     """Estimate what the command line ``arguments`` asks for; return the exit code."""
-    solver, given = "lu", []
+    texts, mine = {}, []
+    words = iter(arguments)
     try:
-        if "-options_file" in arguments[:-1]:
-            texts = read_file(arguments[arguments.index("-options_file") + 1])
-            solver = texts.get("pc_type", solver)
-            given = [word for name, text in texts.items() if name.startswith(PREFIX)
-                     for word in (f"-{name}", text)]
-    except (OptionError, ParameterError) as problem:
+        for word in words:
+            name = word.lstrip("-")
+            if name == "options_file":
+                texts.update(read_file(next(words, "")))
+            elif name.split("_")[0] in HEADS:
+                texts[name] = next(words, "")
+            else:
+                mine.append(word)
+    except OptionError as problem:
         print(f"pgran.budget: error: {problem}", file=sys.stderr)
         return 1
-    return answer([*given, *arguments], "budget",
-                  lambda parameters, asked: run(parameters, asked, solver), __doc__, ROWS,
-                  runs=True)
+    given = [word for name, text in texts.items() if name.startswith(PREFIX)
+             for word in (f"-{name}", text)]
+    return answer([*given, *mine], "budget", lambda parameters, asked: run(
+        parameters, asked, texts.get("pc_type")), __doc__, ROWS, runs=True)
 
 
 if __name__ == "__main__":

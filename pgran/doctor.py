@@ -41,9 +41,8 @@ import os
 from petsc4py import PETSc
 from mpi4py import MPI
 import h5py
-loaded = {os.path.realpath(line.split()[-1]) for line in open("/proc/self/maps")
-          if "/libmpi.so" in line or "/libmpi_" in line or "/libmpich" in line}
-facts = dict(mpi=sorted(path for path in loaded if "libmpi.so" in path or "libmpich" in path))
+facts = dict(mpi=sorted({os.path.realpath(line.split()[-1]) for line in open("/proc/self/maps")
+                         if "/libmpi.so" in line or "/libmpich" in line}))
 """
 RANKS = "from mpi4py import MPI; print(MPI.COMM_WORLD.size, flush=True)"
 
@@ -58,8 +57,12 @@ class Finding(NamedTuple):
 
 def facts(code):
     """Return the ``facts`` that a piece of Python finds in a process of its own, or what failed."""
-    done = subprocess.run([sys.executable, "-c", code + "\nimport json; print(json.dumps(facts))"],
-                          capture_output=True, text=True, timeout=LIMIT, check=False)
+    code += "\nimport json; print(json.dumps(facts))"
+    try:
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
+                              timeout=LIMIT, check=False)
+    except subprocess.TimeoutExpired:
+        return f"no answer in {LIMIT} s"
     if done.returncode == 0:
         return json.loads(done.stdout.splitlines()[-1])
     lines = [line for line in done.stderr.splitlines() if line.strip()]

@@ -73,6 +73,14 @@ def written_result(path, *options, complete=True):
 # Which results are done
 
 
+def test_a_second_options_file_counts(tiny):
+    options = "-options_file", ROOT / "options" / "large.opts", "-pgran_width", 8
+    found = launch.given(FILE, *options)
+    assert found["pgran_coarse_correction"] == "true" and found["pgran_width"] == "8"
+    assert "options_file" not in found and found["pc_type"] == "fieldsplit"
+    assert not launch.done(tiny, FILE, (*TINY, *options[:2]))
+
+
 def test_a_result_is_done_only_with_the_options_asked_for(tiny):
     assert launch.done(tiny, FILE, TINY)
     for more in (("-pgran_shear_modulus", 100), ("-pgran_law", "jop"), ("-pgran_inertia", "true"),

@@ -203,6 +203,14 @@ class Case(ABC):
         """Return the initial coordinates (2, n) of nodes, d."""
 
     @property
+    def unknowns(self):
+        """How many unknowns there are: velocity and fluidity at Q2 nodes, pressure at corners."""
+        nodes, corners = (np.prod([degree * n + 1 - int(wrap) for n, wrap in zip(
+            self.shape, self.periodic)], dtype=float) for degree in (2, 1))
+        fields = len(self.shape) + int(self.material.model.has_fluidity)
+        return int(nodes * fields + corners)
+
+    @property
     def closed(self):
         """Whether the grid closes on itself in space along i and along j, as a ring does."""
         ends = []

@@ -294,7 +294,7 @@ def movie(result, name, style, target, rate=8):
                           "needs none")
     if len(result.snapshots) < 2:
         raise OptionError(f"-movie {target}: {result.path} holds {len(result.snapshots)} snapshots;"
-                          " a movie needs two, and better fifty, which @@pgran_snapshots asks for")
+                          " a movie needs two, and better fifty (the option snapshots of a run)")
     norm = scale([snapshot[name] for snapshot in result.snapshots], style)
     tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.x[..., 1]))
     figure = panels([tallest], name, replace(style, limits=(norm.vmin, norm.vmax)))

@@ -63,8 +63,7 @@ def discretise(parameters, comm):
 
 def _check_size(parameters, case, comm):
     """Refuse a grid that PETSc cannot number or this machine cannot hold."""
-    nx, ny = case.shape
-    unknowns = (DIM + 1) * (2 * nx + 1) * (2 * ny + 1) + (nx + 1) * (ny + 1)
+    (nx, ny), unknowns = case.shape, case.unknowns
     text = f"its {nx} x {ny} elements make {unknowns:.3g} unknowns"
     if unknowns > np.iinfo(PETSc.IntType).max:
         raise ParameterError("case", parameters.case, f"{text}, more than the indices of this "

@@ -151,9 +151,16 @@ def parsed(tokens):
 def given(options_file, *options):
     """Return {name: text} of an options file (None: of none) and of options that win over it.
 
-    Raises `pgran.options.OptionError` where the file cannot be read.
+    Further files that the options name win over the first one. Raises `pgran.options.OptionError`
+    where a file cannot be read.
     """
-    return {**(read_file(options_file) if options_file else {}), **parsed(options)}
+    further = [path for word, path in zip(options, options[1:]) if str(word) == "-options_file"]
+    texts = {}
+    for path in filter(None, (options_file, *further)):
+        texts.update(read_file(path))
+    texts.update(parsed(options))
+    texts.pop("options_file", None)
+    return texts
 
 
 def asked(options_file, *options):

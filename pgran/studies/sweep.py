@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from .. import cases
 from ..options import OptionError, SolutionError
 from ..output.result import Result, options_of
 from . import launch
@@ -53,14 +52,19 @@ def run(output=None, options_file=None, ranks=0, **options):
     SolutionError
         If the run fails; its own message is on standard error.
     """
-    petsc = {f"-{name}": value for name, value in options.pop("petsc", {}).items()}
     case = str(options.get("case", "biaxial"))
-    options_file = options_file or shipped(case)
     output = Path(output or Path("results") / f"{Path(case.split(':')[0]).stem}.h5")
-    words = options_of({"progress": "quiet", **options, **petsc})
-    launch.asked(options_file, *words)  # raises what is wrong with them
-    launch.run(output, options_file, *words, ranks=ranks)
+    launch.run(output, *_checked(options_file=options_file, **options), ranks=ranks)
     return Result(output)
+
+
+def _checked(options_file=None, petsc=None, ranks=0, output=None, **options):
+    """The options file and the words of the options of a run; raises what is wrong with them."""
+    options_file = options_file or shipped(str(options.get("case", "biaxial")))
+    petsc = {f"-{name}": value for name, value in (petsc or {}).items()}
+    words = options_of({"progress": "quiet", **options, **petsc})
+    launch.asked(options_file, *words)
+    return options_file, *words
 
 
 def points(parameters):
@@ -103,7 +107,7 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
                           "sweep")
     wanted = range(len(chosen)) if task is None else [task]
     for number in wanted:
-        _check({**common, **chosen[number]})
+        _checked(**{**common, **chosen[number]})
 
     def make(number):
         try:
@@ -115,14 +119,6 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
     with ThreadPoolExecutor(workers) as pool:
         failures = dict(zip(wanted, pool.map(make, wanted)))
     return Sweep(chosen, paths, failures)
-
-
-def _check(options):
-    """Raise what is wrong with the options of one point."""
-    mine = {name: value for name, value in options.items()
-            if name not in ("ranks", "options_file", "petsc", "output")}
-    cases.create(launch.asked(options.get("options_file") or shipped(
-        str(options.get("case", "biaxial"))), *options_of(mine)))
 
 
 class Sweep:
