@@ -19,7 +19,7 @@ from .options import PREFIX, OptionError
 from .output import pace
 
 ROWS = (
-    own("options_file", "str", "file of options, which the command line and further files win over"),
+    own("options_file", "str", "file of options; the command line and further files win over it"),
     own("ranks", "int", "ranks of the run, a core for each", 2, low=1),
     own("newton", "int", "Newton iterations of the run; those of a specimen unless given", low=1),
     JSON)
