@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from conftest import ROOT, discretised, pgran, refused, run_ranks
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from pgran.solve.state import rest
+from pgran.space.coarse import CoarseCorrection
 from pgran.space.multigrid import corner_level, node_level
 from pgran.space.schur import INERTIAL, PressureSchur
 
@@ -105,6 +107,41 @@ def test_odd_numbers_of_elements_are_joined_exactly_too(case, shape):
                 np.testing.assert_allclose(found.array, vectors[0].array, rtol=1e-12)
             assert not found.array[~free].any()
             fine = coarse
+
+
+def test_what_the_coarse_grid_for_all_fields_has_is_solved_exactly_and_leaks_nothing():
+    form = discretised(width=8, height=24, element_size=1)
+    state, matrix = rest(form), form.create_matrix("nest")
+    form.jacobian(state.local, 1e3, form.increment(state.x, state.stress, 0.5, 0.0), matrix)
+    inner, outer = (PETSc.PC().create(comm=form.grid.comm) for _ in range(2))
+    inner.setType("none")
+    correction = CoarseCorrection(inner, PETSc.DMShell().create(comm=form.grid.comm), form)
+    outer.setType("python")
+    outer.setPythonContext(correction)
+    outer.setOperators(matrix)
+    outer.setUp()
+    coarse, right, found = correction._matrix.createVecRight(), *matrix.createVecs()
+    coarse.setRandom()
+    wanted = right.duplicate()
+    for up, below, above, part, there in correction._parts():
+        below.setArray(coarse.getArray()[there])
+        up.mult(below, above)
+        wanted.getArray()[part] = above.getArray()
+    matrix.mult(wanted, right)
+    outer.apply(right, found)
+    found.axpy(-1.0, wanted)
+    assert found.norm() < 1e-9 * wanted.norm()
+
+    def memory():
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * 4096
+
+    for count in (20, 300):  # what is allocated once, and then nothing
+        before = memory()
+        for _ in range(count):
+            outer.apply(right, found)
+            correction.setUp(outer)
+    assert memory() - before < 300 * 8 * right.getLocalSize() / 10
 
 
 def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_few(tmp_path):
