@@ -62,7 +62,7 @@ def _spin(snapshot):
 
 
 def _strain(snapshot):
-    """The logarithm of the ratio of the principal stretches: ln(l1/l2), l1 + l2 and l1 l2 known."""
+    """ln(l1/l2) = arccosh(F:F/(2 det F)), as F:F = l1^2 + l2^2 and det F = l1 l2."""
     (f11, f12), (f21, f22) = snapshot.deformation_gradient
     squares, area = f11**2 + f12**2 + f21**2 + f22**2, f11 * f22 - f12 * f21
     return np.arccosh(np.maximum(squares / (2.0 * area), 1.0))
