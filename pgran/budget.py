@@ -14,7 +14,7 @@ import sys
 from typing import NamedTuple
 
 from . import cases
-from .cli import HEADS, JSON, answer, as_json, own, read_file
+from .cli import HEADS, HELP, JSON, answer, as_json, own, read_file
 from .options import PREFIX, OptionError
 from .output import pace
 
@@ -88,7 +88,7 @@ def main(arguments):
             name = word.lstrip("-")
             if name == "options_file":
                 texts.update(read_file(next(words, "")))
-            elif name.split("_")[0] in HEADS:
+            elif word not in HELP and name.split("_")[0] in HEADS:
                 texts[name] = next(words, "")
             else:
                 mine.append(word)

@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 #: Seconds that one look may take.
 LIMIT = 60
+#: Seconds that MPI may take to start before it is told what may hold it up.
+SLOW = 2.0
 #: Generations of PETSc that pgran runs on.
 OLDEST, NEWEST = (3, 18), (3, 26)
 
@@ -29,8 +31,11 @@ from slepc4py import SLEPc
 facts = dict(version=SLEPc.Sys.getVersion())
 """
 MPI = """
+import time
+start = time.perf_counter()
 from mpi4py import MPI
-facts = dict(library=MPI.Get_library_version().split(",")[0].strip().strip(chr(0)))
+facts = dict(library=MPI.Get_library_version().split(",")[0].strip().strip(chr(0)),
+             seconds=time.perf_counter() - start)
 """
 HDF5 = """
 import h5py
@@ -44,6 +49,9 @@ import h5py
 facts = dict(mpi=sorted({os.path.realpath(line.split()[-1]) for line in open("/proc/self/maps")
                          if "/libmpi.so" in line or "/libmpich" in line}))
 """
+#: What is known to hold Open MPI up.
+HELD_UP = (" (slow; on one machine export PMIX_MCA_psec=native, so that it does not wait for a "
+           "munge that does not run, and OMPI_MCA_btl=self,vader)")
 RANKS = "from mpi4py import MPI; print(MPI.COMM_WORLD.size, flush=True)"
 
 
@@ -85,7 +93,8 @@ def examined():
                       "its version must be that of petsc4py: install both from one source")
     mpi = facts(MPI)
     yield Finding(not isinstance(mpi, str), f"mpi4py: {mpi}" if isinstance(mpi, str) else
-                  f"mpi4py with {mpi['library']}", "install mpi4py built with the MPI of PETSc")
+                  f"mpi4py with {mpi['library']}, starts in {mpi['seconds']:.1f} s"
+                  + (HELD_UP if mpi["seconds"] > SLOW else ""), "install mpi4py built with the MPI of PETSc")
     hdf5 = facts(HDF5)
     yield Finding(not isinstance(hdf5, str), f"h5py: {hdf5}" if isinstance(hdf5, str) else
                   f"h5py {hdf5['version']}, HDF5 {hdf5['hdf5']}, "

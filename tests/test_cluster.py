@@ -49,12 +49,33 @@ def test_a_script_is_valid_and_has_its_budget(folder, system, kind):
     assert ("qsub" if system == "pbs" else "scontrol requeue") in text or kind != "chain"
 
 
+#: In place of timeout: its signal comes when the run has done some more steps, on any machine.
+TIMEOUT = f"""#!{sys.executable}
+import signal, subprocess, sys, time
+from pgran.output.result import Result
+assert sys.argv[1:4] == ["--preserve-status", "--signal=USR1", "3"], sys.argv
+
+def steps():
+    try:
+        return len(Result("results/biaxial.h5").history["time"])
+    except (OSError, KeyError, ValueError):
+        return 0
+
+before, run = steps(), subprocess.Popen(sys.argv[4:])
+while run.poll() is None and steps() < before + 8:
+    time.sleep(0.05)
+run.send_signal(signal.SIGUSR1)
+sys.exit(run.wait())
+"""
+
+
 def test_a_chain_goes_on_until_it_is_finished_with_the_answer_of_one_run(folder):
     """Without a batch system: qsub, as a script that tells, queues it again."""
     made(folder, "pbs", "chain", "1", "options/biaxial.opts", *SMALL, PGRAN_TIME="00:00:05",
          PGRAN_MARGIN="2")
-    (folder / "qsub").write_text("#!/bin/sh\necho again >> queued\n")
-    (folder / "qsub").chmod(0o755)
+    for name, text in (("qsub", "#!/bin/sh\necho again >> queued\n"), ("timeout", TIMEOUT)):
+        (folder / name).write_text(text)
+        (folder / name).chmod(0o755)
     environment = {**os.environ, "PGRAN_PYTHON": sys.executable, "PBS_O_WORKDIR": str(folder),
                    "PYTHONPATH": str(ROOT), "PATH": f"{folder}:{os.environ['PATH']}"}
     for link in range(1, 20):

@@ -50,13 +50,15 @@ def test_the_doctor_finds_this_installation_good():
 def test_the_doctor_says_what_to_do(monkeypatch, capsys):
     found = {doctor.PETSC: {"version": [3, 17, 0], "real": False, "bits": 32, "mumps": False},
              doctor.SLEPC: {"version": [3, 18, 0]}, doctor.HDF5: "No module named 'h5py'",
-             doctor.MPI: {"library": "x"}, doctor.TOGETHER: {"mpi": ["/a/libmpi.so", "/b/libmpi"]}}
+             doctor.MPI: {"library": "x", "seconds": 3.0},
+             doctor.TOGETHER: {"mpi": ["/a/libmpi.so", "/b/libmpi"]}}
     monkeypatch.setattr(doctor, "facts", lambda code: found.get(code, "none"))
     monkeypatch.setattr(doctor.shutil, "which", lambda name: None)
     assert doctor.main() == 1
     text = capsys.readouterr().out
     for cure in ("take a PETSc with real numbers", "its version must be that of petsc4py",
-                 "-> install h5py", "rebuild mpi4py and h5py", "install the MPI that mpi4py"):
+                 "-> install h5py", "rebuild mpi4py and h5py", "install the MPI that mpi4py",
+                 "export PMIX_MCA_psec=native"):
         assert cure in text
     assert text.count("BAD") == 5
 

@@ -353,9 +353,11 @@ def test_one_file_has_one_writer(tmp_path):
     run = start(0, "-options_file", ROOT / "options" / "direct.opts", "-pgran_output", path,
                 *map(str, LONG))
     wait_for(path, 2)
+    run.send_signal(signal.SIGSTOP)  # so that it is not finished before the other one asks
     done = pgran(2, "direct.opts", path, *SMALL, check=False)
     refused(done, f"-pgran_output {path}: another run writes it (process {run.pid} on ")
-    run.send_signal(signal.SIGTERM)
+    for number in (signal.SIGTERM, signal.SIGCONT):
+        run.send_signal(number)
     run.communicate()
     assert not list(tmp_path.glob(".*"))  # neither a lock nor a draft is left
 
