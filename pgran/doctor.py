@@ -94,7 +94,8 @@ def examined():
     mpi = facts(MPI)
     yield Finding(not isinstance(mpi, str), f"mpi4py: {mpi}" if isinstance(mpi, str) else
                   f"mpi4py with {mpi['library']}, starts in {mpi['seconds']:.1f} s"
-                  + (HELD_UP if mpi["seconds"] > SLOW else ""), "install mpi4py built with the MPI of PETSc")
+                  + (HELD_UP if mpi["seconds"] > SLOW else ""),
+                  "install mpi4py built with the MPI of PETSc")
     hdf5 = facts(HDF5)
     yield Finding(not isinstance(hdf5, str), f"h5py: {hdf5}" if isinstance(hdf5, str) else
                   f"h5py {hdf5['version']}, HDF5 {hdf5['hdf5']}, "

@@ -293,3 +293,14 @@ def test_stress_rate_is_exact_for_quadratics():
     np.testing.assert_allclose(factor * (stress(0.2) - S) / 0.2, 2.0 + 6.0 * 0.2, rtol=1e-13)
     factor, S = elasticity.stress_rate(0.2, stress(0.0))
     assert factor == 1.0 and (S == stress(0.0)).all()
+
+
+def test_logarithmic_strain_is_the_logarithm_of_the_left_stretch():
+    """ln V = ln(F F^T)/2, by its principal values; a turn strains nothing."""
+    F = np.eye(2)[..., None] + 0.5 * np.random.default_rng(7).uniform(-1, 1, (2, 2, 50))
+    squares, axes = np.linalg.eigh(np.einsum("ikn,jkn->nij", F, F))
+    wanted = np.einsum("nik,nk,njk->ijn", axes, np.log(squares) / 2.0, axes)
+    h11, h22, h12 = elasticity.logarithmic_strain(F)
+    np.testing.assert_allclose([h11, h22, h12], wanted[[0, 1, 0], [0, 1, 1]], atol=1e-12)
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    assert np.abs(elasticity.logarithmic_strain(turn)).max() < 1e-15

@@ -80,6 +80,17 @@ def test_derived_quantities_are_those_of_homogeneous_compression(snapshot):
         -2.0 * snapshot["pressure"], abs=5e-3)  # div v = 0 holds weakly
 
 
+def test_a_base_flow_is_counted_once(tmp_path):
+    """A periodic cell at rest in its base flow: D = diag(1, -1)/2, and the strain of two steps."""
+    run_ranks(0, "-m", "pgran", "-pgran_case", "periodic", "-pgran_cell_elements", 4,
+              "-ts_max_steps", 2, "-pgran_output", tmp_path / "cell.h5")
+    snapshot = Result(tmp_path / "cell.h5").snapshots[-1]
+    assert snapshot["strain_rate"] == pytest.approx(1.0, abs=1e-10)
+    for name, size in (("strain_rate_tensor", 1.0), ("strain_tensor", snapshot.time)):
+        wanted = np.broadcast_to([size / 2.0, -size / 2.0, 0.0], snapshot[name].shape)
+        np.testing.assert_allclose(snapshot[name], wanted, atol=1e-8 * size, rtol=1e-4)
+
+
 def test_pyvista_has_the_elements_as_biquadratic_ones(snapshot):
     grid = snapshot.grid()
     assert set(grid.celltypes) == {28} and grid.n_cells == 4 * 12

@@ -9,6 +9,7 @@ from pgran import cases
 from pgran.cases.biaxial import Biaxial
 from pgran.options import written
 from pgran.output import band
+from pgran.output.result import Result
 from pgran.output.results import HISTORY
 from pgran.studies import growth
 
@@ -17,7 +18,8 @@ SMALL = "-pgran_element_size", 4
 EXACT = ("-snes_atol", 1e-8, "-ksp_rtol", 1e-10, "-ksp_max_it", 300, "-ksp_gmres_restart", 300,
          "-pgran_tolerance_perturbation", 0)
 FIELDS = {"coordinates": 2, "velocity": 2, "deviator": 3, "fluidity": 0, "pressure": 0,
-          "inertial_number": 0, "stress_ratio": 0}
+          "inertial_number": 0, "stress_ratio": 0, "stress_tensor": 3, "strain_rate_tensor": 3,
+          "strain_tensor": 3}
 
 
 def snapshot(path, number=-1):
@@ -79,6 +81,26 @@ def test_mesh_follows_the_plate(biaxial):
         top = fields["coordinates"][-1, :, 1]
         np.testing.assert_allclose(top, 120.0 * (1.0 - compression), rtol=1e-6)
         np.testing.assert_allclose(fields["velocity"][-1, :, 1], -top / 2.0, rtol=1e-6)
+
+
+def test_tensors_are_those_of_the_flow(biaxial):
+    """Before yielding compression is homogeneous; with a band means and invariants hold."""
+    snapshot, after = Result(biaxial[0]).snapshots
+    for snapshot in (snapshot, after):
+        h11, h22, h12 = np.moveaxis(snapshot["strain_tensor"], -1, 0)
+        area = band.node_areas(snapshot.x)
+        assert np.average(h22, weights=area) < np.log(1.0 - snapshot.attributes["compression"])
+        assert np.abs(np.average(h11 + h22, weights=area)) < 1e-4  # volume stays
+        shear = 2.0 * np.hypot((h11 - h22) / 2.0, h12)
+        np.testing.assert_allclose(shear, snapshot["strain"], atol=0.05 * shear.max())
+        d11, d22, d12 = np.moveaxis(snapshot["strain_rate_tensor"], -1, 0)
+        rate = 2.0 * np.hypot((d11 - d22) / 2.0, d12)
+        np.testing.assert_allclose(rate, snapshot["strain_rate"], atol=0.05 * rate.max())
+        s11, s22, s12 = np.moveaxis(snapshot["stress_tensor"], -1, 0)
+        np.testing.assert_allclose(s12, snapshot["stress_12"])
+        np.testing.assert_allclose(-(s11 + s22) / 2.0, snapshot["pressure"], rtol=0.01)
+        tau = np.hypot((s11 - s22) / 2.0, s12)
+        np.testing.assert_allclose(tau / snapshot["pressure"], snapshot["stress_ratio"], rtol=0.02)
 
 
 def test_xdmf_opens_as_a_time_series(biaxial):

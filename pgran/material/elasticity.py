@@ -1,8 +1,9 @@
-"""The stiff Maxwell element in time: how stress turns, and its rate over a step; numpy only."""
+"""The stiff Maxwell element in time: how stress turns, its rate over a step, and strain; numpy only.
+"""
 
 import numpy as np
 
-#: Components of a plane stress deviator: 11, 22 and 12.
+#: Components of a plane symmetric tensor: 11, 22 and 12.
 COMPONENTS = 3
 
 
@@ -39,3 +40,24 @@ def stress_rate(dt, stress, earlier_dt=None, earlier=None):
     ratio = dt / earlier_dt
     factor = (1.0 + 2.0 * ratio) / (1.0 + ratio)
     return factor, ((1.0 + ratio) * stress - ratio**2 / (1.0 + ratio) * earlier) / factor
+
+
+def logarithmic_strain(gradient):
+    """Return ln V of a deformation gradient F = V R, Hencky's strain, (3, ...): 11, 22, 12.
+
+    With b = F F^T, its mean m = tr b/2 and the half difference r of its principal values,
+    ln V = ln(m^2 - r^2)/4 1 + atanh(r/m)/(2 r) (b - m 1).
+
+    Parameters
+    ----------
+    gradient : ndarray, (2, 2, ...)
+        F, of a positive determinant.
+    """
+    (f11, f12), (f21, f22) = gradient
+    b11, b22, b12 = f11**2 + f12**2, f21**2 + f22**2, f11 * f21 + f12 * f22
+    mean, half = (b11 + b22) / 2.0, (b11 - b22) / 2.0
+    radius = np.hypot(half, b12)
+    share = np.where(radius > 0.0, radius, 1.0) / mean
+    slope = np.where(radius > 0.0, np.arctanh(share) / share, 1.0) / (2.0 * mean)
+    volume = np.log(f11 * f22 - f12 * f21) / 2.0
+    return np.array([volume + slope * half, volume - slope * half, slope * b12])

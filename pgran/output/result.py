@@ -220,9 +220,8 @@ class Snapshot:
 
     @cached_property
     def velocity_gradient(self):
-        """(2, 2, ny, nx): d v_i/d x_j, that of a base flow included, gdot0."""
-        base = np.reshape(self.result.case.base_gradient, (2, 2, 1, 1))
-        return self._gradient(self.stored("velocity"), self.x) + base
+        """(2, 2, ny, nx): d v_i/d x_j, gdot0."""
+        return self._gradient(self.stored("velocity"), self.x)
 
     @cached_property
     def deformation_gradient(self):

@@ -35,7 +35,8 @@ HISTORY = ("time", "step_size", "newton_iterations", "linear_iterations", "inert
 INTEGERS = ("newton_iterations", "linear_iterations")
 #: Units, where stress is that of the case; what is not here is a pure number.
 UNITS = {"coordinates": "d", "velocity": "d gdot0", "fluidity": "gdot0", "pressure": "stress",
-         "deviator": "stress", "time": "1/gdot0", "step_size": "1/gdot0", "work": "stress d^2",
+         "deviator": "stress", "stress_tensor": "stress", "strain_rate_tensor": "gdot0",
+         "time": "1/gdot0", "step_size": "1/gdot0", "work": "stress d^2",
          "dissipation": "stress d^2", "stored_energy": "stress d^2",
          "energy_error": "stress d^2", "volume": "d^2"}
 #: What the names of the fields of the flow begin with that a mode was found about.

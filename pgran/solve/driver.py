@@ -487,6 +487,9 @@ class Driver:
         Complete at owned nodes.
         """
         local, _, increment = self._committed
-        return {"coordinates": self.state.x, "velocity": velocity(self.form, local, self.state.x),
-                **self.form.nodal_fields(local, increment),
-                "deviator": np.array([self.form.at_nodes(part) for part in self.state.stress])}
+        form, x = self.form, self.state.x
+        speed, fields = velocity(form, local, x), form.nodal_fields(local, increment)
+        deviator = np.array([form.at_nodes(part) for part in self.state.stress])
+        pressure = np.multiply.outer([1.0, 1.0, 0.0], fields["pressure"])
+        return {"coordinates": x, "velocity": speed, **fields, "deviator": deviator,
+                "stress_tensor": deviator - pressure, **form.nodal_tensors(speed, x)}

@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from .. import cases
-from ..material.elasticity import COMPONENTS
+from ..material.elasticity import COMPONENTS, logarithmic_strain
 from ..material.models import Quantity
 from ..options import ParameterError
 from . import element
@@ -228,10 +228,14 @@ class WeakForm:
 
         ``x`` (2, n_nodes) are the nodes, d.
         """
+        (_, l12), (l21, _) = self.gradient(velocity, x)
+        return (l21 - l12) / 2.0
+
+    def gradient(self, values, x):
+        """Return d values_i/d x_j, (2, 2, points, n), of nodal values (2, n_nodes) on nodes x."""
         nodes = self.grid.element_nodes
         geometry = element.Geometry(x[:, nodes])
-        return (geometry.gradient(velocity[1][nodes])[0]
-                - geometry.gradient(velocity[0][nodes])[1]) / 2.0
+        return np.array([geometry.gradient(part[nodes]) for part in values])
 
     def carried(self, stress, velocity, dt, x):
         """Return a stress deviator (3, points, n) that a flow has carried for a time. Collective.
@@ -262,6 +266,21 @@ class WeakForm:
         """
         total = self.grid.sum_at_nodes(element.GAUSS_TO_NODES @ values)
         return total / np.maximum(self.grid.sum_at_nodes(np.ones_like(values)), 1.0)
+
+    def nodal_tensors(self, velocity, x):
+        """Return ``strain_rate_tensor``, and where the mesh moves ``strain_tensor``, at the nodes.
+
+        Arrays (3, n_nodes) of components 11, 22, 12, complete at owned nodes: D = sym grad v, and
+        the `logarithmic_strain` since the start. ``velocity``, in d gdot0, and the nodes ``x``, in
+        d, are (2, n_nodes).
+        """
+        (l11, l12), (l21, l22) = self.gradient(velocity, x)
+        found = {"strain_rate_tensor": (l11, l22, (l12 + l21) / 2.0)}
+        if self.case.moving:
+            start = self.case.coordinates(self.grid.nodes.i, self.grid.nodes.j)
+            found["strain_tensor"] = logarithmic_strain(self.gradient(x, start))
+        return {name: np.array([self.at_nodes(part) for part in parts])
+                for name, parts in found.items()}
 
     def corner_field(self, corners):
         """Return nodal values (n_nodes,) of a Q1 field given at the corners, (n_corners,).
