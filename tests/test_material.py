@@ -296,7 +296,7 @@ def test_stress_rate_is_exact_for_quadratics():
 
 
 def test_logarithmic_strain_is_the_logarithm_of_the_left_stretch():
-    """ln V = ln(F F^T)/2, by its principal values; a turn strains nothing."""
+    """That is, ln(F F^T)/2, by its principal values; a turn strains nothing."""
     F = np.eye(2)[..., None] + 0.5 * np.random.default_rng(7).uniform(-1, 1, (2, 2, 50))
     squares, axes = np.linalg.eigh(np.einsum("ikn,jkn->nij", F, F))
     wanted = np.einsum("nik,nk,njk->ijn", axes, np.log(squares) / 2.0, axes)

@@ -84,23 +84,20 @@ def test_mesh_follows_the_plate(biaxial):
 
 
 def test_tensors_are_those_of_the_flow(biaxial):
-    """Before yielding compression is homogeneous; with a band means and invariants hold."""
-    snapshot, after = Result(biaxial[0]).snapshots
-    for snapshot in (snapshot, after):
+    """Means follow from the compression, and invariants are the scalars of the file."""
+    for snapshot in Result(biaxial[0]).snapshots:
         h11, h22, h12 = np.moveaxis(snapshot["strain_tensor"], -1, 0)
         area = band.node_areas(snapshot.x)
-        assert np.average(h22, weights=area) < np.log(1.0 - snapshot.attributes["compression"])
+        assert np.average(h22, weights=area) == pytest.approx(
+            np.log(1.0 - snapshot.attributes["compression"]), rel=0.1)  # but for what turns
         assert np.abs(np.average(h11 + h22, weights=area)) < 1e-4  # volume stays
         shear = 2.0 * np.hypot((h11 - h22) / 2.0, h12)
         np.testing.assert_allclose(shear, snapshot["strain"], atol=0.05 * shear.max())
         d11, d22, d12 = np.moveaxis(snapshot["strain_rate_tensor"], -1, 0)
         rate = 2.0 * np.hypot((d11 - d22) / 2.0, d12)
         np.testing.assert_allclose(rate, snapshot["strain_rate"], atol=0.05 * rate.max())
-        s11, s22, s12 = np.moveaxis(snapshot["stress_tensor"], -1, 0)
-        np.testing.assert_allclose(s12, snapshot["stress_12"])
-        np.testing.assert_allclose(-(s11 + s22) / 2.0, snapshot["pressure"], rtol=0.01)
-        tau = np.hypot((s11 - s22) / 2.0, s12)
-        np.testing.assert_allclose(tau / snapshot["pressure"], snapshot["stress_ratio"], rtol=0.02)
+        for part, name in enumerate(("stress_11", "stress_22", "stress_12")):
+            np.testing.assert_allclose(snapshot["stress_tensor"][..., part], snapshot[name])
 
 
 def test_xdmf_opens_as_a_time_series(biaxial):

@@ -1,5 +1,4 @@
-"""The stiff Maxwell element in time: how stress turns, its rate over a step, and strain; numpy only.
-"""
+"""The stiff Maxwell element in time, and strain: tensors as components 11, 22, 12; numpy only."""
 
 import numpy as np
 
@@ -56,8 +55,8 @@ def logarithmic_strain(gradient):
     (f11, f12), (f21, f22) = gradient
     b11, b22, b12 = f11**2 + f12**2, f21**2 + f22**2, f11 * f21 + f12 * f22
     mean, half = (b11 + b22) / 2.0, (b11 - b22) / 2.0
-    radius = np.hypot(half, b12)
-    share = np.where(radius > 0.0, radius, 1.0) / mean
-    slope = np.where(radius > 0.0, np.arctanh(share) / share, 1.0) / (2.0 * mean)
+    share = np.hypot(half, b12) / mean
+    some = np.where(share > 0.0, share, 0.5)
+    slope = np.where(share > 0.0, np.arctanh(some) / some, 1.0) / (2.0 * mean)
     volume = np.log(f11 * f22 - f12 * f21) / 2.0
     return np.array([volume + slope * half, volume - slope * half, slope * b12])
