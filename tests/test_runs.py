@@ -88,14 +88,13 @@ def test_tensors_are_those_of_the_flow(biaxial):
     for snapshot in Result(biaxial[0]).snapshots:
         h11, h22, h12 = np.moveaxis(snapshot["strain_tensor"], -1, 0)
         area = band.node_areas(snapshot.x)
-        assert np.average(h22, weights=area) == pytest.approx(
-            np.log(1.0 - snapshot.attributes["compression"]), rel=0.1)  # but for what turns
         assert np.abs(np.average(h11 + h22, weights=area)) < 1e-4  # volume stays
         shear = 2.0 * np.hypot((h11 - h22) / 2.0, h12)
         np.testing.assert_allclose(shear, snapshot["strain"], atol=0.05 * shear.max())
         d11, d22, d12 = np.moveaxis(snapshot["strain_rate_tensor"], -1, 0)
         rate = 2.0 * np.hypot((d11 - d22) / 2.0, d12)
         np.testing.assert_allclose(rate, snapshot["strain_rate"], atol=0.05 * rate.max())
+        assert np.average(d22, weights=area) == pytest.approx(-0.5, rel=0.01)
         for part, name in enumerate(("stress_11", "stress_22", "stress_12")):
             np.testing.assert_allclose(snapshot["stress_tensor"][..., part], snapshot[name])
 
