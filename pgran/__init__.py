@@ -21,7 +21,8 @@ def open(path):
 def run(output=None, **options):
     """Run pgran and return its result, as `pgran.studies.sweep.run` says.
 
-    ``pgran.run(inertial_number=0.003, ranks=2)`` runs the specimen on two ranks.
+    ``pgran.run(inertial_number=0.003)`` runs the specimen in this process, and with ``ranks=2`` on
+    two ranks of its own.
     """
     from .studies import sweep as runs
 

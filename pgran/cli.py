@@ -150,18 +150,15 @@ def start(arguments, action, description="", rows=(), slepc=False,
     try:
         if problem:
             raise problem
-        database = PETSc.Options()
-        everything = database.getAll()
-        # getAll splits values at blanks; getString gives them whole, and counts them as used.
-        texts = {name: database.getString(name, "") for name in everything
-                 if name.startswith(options.PREFIX) or name in {row.name for row in rows}}
+        everything = PETSc.Options().getAll()
+        texts = given_texts(rows)
         if wants_help:
             if comm.rank == 0:
                 print(help_text(description, rows, _rows_for_help(texts)
                                 if everything_asked or texts else ()), flush=True)
             return 0
         parameters = cases.read(complete(texts))
-        _check_names(everything, rows, parameters.rows)
+        check_names(everything, rows, parameters.rows)
         values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
                                     else row.default for row in rows})
         with strict(texts):
@@ -189,20 +186,40 @@ def _told(error, comm, apart, beyond):
     elif isinstance(error, ArithmeticError) and beyond:
         text = f"pgran: error: {beyond} ({error.args[-1]})"
     elif isinstance(error, PETSc.Error):
-        text = f"pgran: error: {_petsc_words(error)}"
+        text = f"pgran: error: {petsc_words(error)}"
     elif isinstance(error, MemoryError):
         text = ("pgran: error: not enough memory; larger elements, fewer of them, or more ranks on "
                 f"more machines need less{f' ({error})' if str(error) else ''}")
     else:
         text = "".join(traceback.format_exception(error)).rstrip()
-    together = not getattr(error, "alone", False) and all_come(apart)
-    if text and (comm.rank == 0 or not together):
+    if shared(error, apart, text) and text and comm.rank == 0:
         print(text, file=sys.stderr, flush=True)
-    if not together:
-        print(f"pgran: rank {comm.rank} failed and others did not; all are ended",
-              file=sys.stderr, flush=True)
-        comm.tompi4py().Abort(1)
     return code
+
+
+def shared(error, apart, text):
+    """Return True if all ranks have raised an error; otherwise say ``text`` and end all ranks.
+
+    ``apart`` is an mpi4py communicator with no messages under way.
+    """
+    if getattr(error, "alone", False) or not all_come(apart):
+        print(f"{text}\npgran: rank {apart.rank} failed and others did not; all are ended",
+              file=sys.stderr, flush=True)
+        apart.Abort(1)
+    return True
+
+
+def given_texts(rows=()):
+    """Return the options of a run and of the `Option`s ``rows`` in PETSc's database, {name: text}.
+
+    They count as read from then on.
+    """
+    from petsc4py import PETSc
+
+    database = PETSc.Options()
+    # getAll splits values at blanks; getString gives them whole, and counts them as used.
+    return {name: database.getString(name, "") for name in database.getAll()
+            if name.startswith(options.PREFIX) or name in {row.name for row in rows}}
 
 
 def extreme(texts):
@@ -238,7 +255,7 @@ def all_come(comm):
     return True
 
 
-def _petsc_words(error):
+def petsc_words(error):
     """Return what PETSc says of an error, and which option it may come from, in one line."""
     from petsc4py import PETSc
 
@@ -401,8 +418,12 @@ def misspelt(name, other):
     return longest[-1] <= (1 if min(len(a), len(b)) < 5 else 2)
 
 
-def _check_names(everything, rows, run_rows):
-    """Refuse a name that is nearly one of this command, of a run, or of PETSc."""
+def check_names(everything, rows, run_rows):
+    """Refuse a name that is nearly one of this command, of a run, or of PETSc.
+
+    ``everything`` = {name: text} are all options, ``rows`` and ``run_rows`` the `Option`s of the
+    command and of the run. Raises `OptionError`.
+    """
     mine = {name: f"-{name}" for name in (*(row.name for row in rows), "options_file")}
     runs = {row.name: f"-{row.prefix}{row.name}" for row in run_rows}
     for name, value in everything.items():

@@ -10,8 +10,8 @@ from conftest import ROOT
 
 from pgran.output.result import Result
 
-#: A run of some five seconds.
-SMALL = ("-pgran_width", "8", "-pgran_height", "24", "-pgran_element_size", "0.5",
+#: A run of some two seconds.
+SMALL = ("-pgran_width", "8", "-pgran_height", "24", "-pgran_element_size", "2",
          "-pgran_compression", "0.01", "-pgran_snapshots", "0.005,0.01", "-pgran_step_max", "4e-4")
 KINDS = {"run": ["2", "options/biaxial.opts", "-pgran_element_size", "1"],
          "chain": ["2", "options/biaxial.opts", "-pgran_element_size", "1"],
@@ -62,7 +62,7 @@ def steps():
         return 0
 
 before, run = steps(), subprocess.Popen(sys.argv[4:])
-while run.poll() is None and steps() < before + 8:
+while run.poll() is None and steps() < before + 20:
     time.sleep(0.05)
 run.send_signal(signal.SIGUSR1)
 sys.exit(run.wait())

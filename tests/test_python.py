@@ -1,10 +1,17 @@
 """From Python: a run gives its result, a sweep its table, and neither does its work twice."""
 
+import os
+import signal
+import threading
+import time
+
 import numpy as np
 import pytest
+from conftest import run_ranks
 
 import pgran
-from pgran.options import OptionError, ParameterError, SolutionError
+from pgran.options import Interrupted, OptionError, ParameterError, SolutionError
+from pgran.signals import SIGNALS
 from pgran.studies import sweep
 
 SMALL = {"width": 8, "height": 24, "compression": 0.001}
@@ -26,6 +33,49 @@ def test_a_run_gives_a_result_and_is_not_made_twice(tmp_path):
                                                                rel=1e-5)
 
 
+def test_a_run_in_this_process_is_that_of_its_own_and_leaves_it_as_it_was(tmp_path):
+    from petsc4py import PETSc
+
+    options = PETSc.Options()
+    options.setValue("mine", "of the caller")
+    handlers = [signal.getsignal(number) for number in SIGNALS]
+    paths = [tmp_path / f"{name}.h5" for name in ("here", "own", "again")]
+    results = [pgran.run(path, ranks=ranks, **SMALL) for path, ranks in zip(paths, (None, 0, None))]
+    for other in results[1:]:
+        for name, values in other.history.items():
+            assert np.array_equal(values, results[0].history[name])
+        assert np.array_equal(other.snapshots[-1]["fluidity"], results[0].snapshots[-1]["fluidity"])
+    assert list(options.getAll()) == ["mine"] and options.getString("mine") == "of the caller"
+    assert handlers == [signal.getsignal(number) for number in SIGNALS]
+    options.delValue("mine")
+
+
+def test_a_script_on_ranks_runs_on_all_of_them(tmp_path):
+    script = (f"import pgran; result = pgran.run({str(tmp_path / 'both.h5')!r}, **{SMALL}); "
+              "print(result.attributes['ranks'], flush=True)")
+    assert run_ranks(2, "-c", script, limit=60).stdout.split() == ["2", "2"]
+    assert run_ranks(2, "-c", script, limit=60).stdout.split() == ["2", "2"]  # it is in place
+
+
+def test_a_signal_stops_a_run_in_this_process_which_the_same_call_goes_on_with(tmp_path):
+    path, more = tmp_path / "run.h5", {**SMALL, "element_size": 1, "step_max": 2e-4}
+
+    def ask():
+        while not (path.exists() and len(pgran.open(path).history["time"]) > 3):
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=ask, daemon=True)
+    thread.start()
+    with pytest.raises(Interrupted, match="SIGINT"):
+        pgran.run(path, **more)
+    thread.join()
+    assert not pgran.open(path).complete
+    whole = pgran.run(tmp_path / "whole.h5", **more)
+    assert pgran.run(path, **more).snapshots[-1]["pressure"] == pytest.approx(
+        whole.snapshots[-1]["pressure"], rel=1e-6)
+
+
 def test_bad_options_are_told_before_anything_runs(tmp_path):
     with pytest.raises(ParameterError, match="inertial_number"):
         pgran.run(tmp_path / "x.h5", inertial_number=-1)
@@ -34,7 +84,11 @@ def test_bad_options_are_told_before_anything_runs(tmp_path):
     with pytest.raises(ParameterError):
         pgran.sweep({"inertial_number": [0.001, -1]}, directory=tmp_path, **SMALL)
     with pytest.raises(SolutionError, match="exit code 1"):
-        pgran.run(tmp_path / "y.h5", petsc={"snes_max_it": 1}, step_min=5e-5, **SMALL)
+        pgran.run(tmp_path / "y.h5", petsc={"snes_max_it": 1}, step_min=5e-5, ranks=0, **SMALL)
+    with pytest.raises(SolutionError, match="step"):
+        pgran.run(tmp_path / "z.h5", petsc={"snes_max_it": 1}, step_min=5e-5, **SMALL)
+    with pytest.raises(OptionError, match="did you mean -snes_atol"):
+        pgran.run(tmp_path / "x.h5", petsc={"snes_atl": 1e-6}, **SMALL)
     assert not (tmp_path / "x.h5").exists() and not list(tmp_path.glob("inertial*"))
 
 

@@ -12,9 +12,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from ..options import written
 from . import band as bands
-from .reading import field_of, opened
+from .result import Result
 
 ANGLE, SPACING = 51.0, 24.5  # degrees and d, as the paper draws them
 MESHES = "2", "1", "0.5", "0.25"
@@ -44,13 +43,11 @@ def panels(name, directory):
         if row is None:
             missing.append(run)
             continue
-        with opened(path) as file:
-            snapshot = sorted(file["snapshots"])[row]
-            given = written(file.attrs["options"])
-            found.append({"letter": letter, "run": run,
-                          "x": field_of(file, snapshot, "coordinates"),
-                          "I": field_of(file, snapshot, "inertial_number"), "band": rows[row],
-                          "options": given, "cost": dict(file.attrs)})
+        result = Result(path)
+        snapshot = result.snapshots[row]
+        found.append({"letter": letter, "run": run, "x": snapshot.x,
+                      "I": snapshot["inertial_number"], "band": rows[row],
+                      "options": result.options, "cost": result.attributes})
     if not found:
         raise ValueError(f"{name}: no results in {directory}; bash jobs/{name}.sh makes them")
     return found, missing
@@ -63,7 +60,7 @@ def draw(name, save, directory, label, relative=False, more=lambda shown: []):
     """
     shown, missing = panels(name, directory)
     data, table = {}, [(f"not drawn, as the run is missing: {run}", "", "-") for run in missing]
-    fields = [p["I"] / float(p["options"]["pgran_inertial_number"]) if relative else p["I"]
+    fields = [p["I"] / p["options"]["inertial_number"] if relative else p["I"]
               for p in shown]
     largest = max(field.max() for field in fields)
     spans = [np.ptp(p["x"][..., 0]) for p in shown]
@@ -94,7 +91,7 @@ def draw(name, save, directory, label, relative=False, more=lambda shown: []):
 def one_band(panel):
     """Whether a panel has one band to be measured: LI has many, at both angles."""
     band = panel["band"]
-    return (panel["options"].get("pgran_model") != "li" and band["localised"]
+    return (panel["options"]["model"] != "li" and band["localised"]
             and band["angle"] is not None)
 
 
@@ -102,7 +99,7 @@ def dashed_lines(panel):
     """Return points and slopes of the lines of the theory: along the band, or for LI across."""
     x, band = panel["x"], panel["band"]
     middle, slope = (x[..., 0].min() + x[..., 0].max()) / 2.0, np.tan(np.radians(ANGLE))
-    if panel["options"].get("pgran_model") == "li":
+    if panel["options"]["model"] == "li":
         centre = middle, x[..., 1].max() / 2.0
         return [(centre, slope), (centre, -slope)]
     if not one_band(panel):
@@ -139,13 +136,13 @@ def fig3(save, directory):
 
 def fig4(save, directory):
     """L = 20, 40 and 60 d at 10 % compression."""
-    draw("fig4", save, directory, lambda p: f"L = {float(p['options']['pgran_width']):g} d")
+    draw("fig4", save, directory, lambda p: f"L = {p['options']['width']:g} d")
 
 
 def fig5(save, directory):
     """I0 = 0.001, 0.007 and 0.03 at 10 % compression, I over I0."""
     draw("fig5", save, directory,
-         lambda p: f"$I^0$ = {float(p['options']['pgran_inertial_number']):g}", relative=True)
+         lambda p: f"$I^0$ = {p['options']['inertial_number']:g}", relative=True)
 
 
 def fig6(save, directory):
@@ -162,7 +159,7 @@ def crossings(shown):
     """Return rows of a table: how many bands, where I > I0, a line up the specimen crosses."""
     rows = []
     for p in shown:
-        column = p["I"][:, p["I"].shape[1] // 4] > float(p["options"]["pgran_inertial_number"])
+        column = p["I"][:, p["I"].shape[1] // 4] > p["options"]["inertial_number"]
         rows.append((f"({p['letter']}) {p['run']}: bands across the line at L/4",
                      "more with refinement", bands.stretches(column)))
     return rows
@@ -170,7 +167,7 @@ def crossings(shown):
 
 def mesh_figure(name, save, directory, more=lambda shown: []):
     """Draw a figure over meshes, with the differences between successive ones."""
-    draw(name, save, directory, lambda p: f"{float(p['options']['pgran_element_size']):g} d",
+    draw(name, save, directory, lambda p: f"{p['options']['element_size']:g} d",
          more=lambda shown: more(shown) + mesh_rows(shown))
 
 
@@ -189,7 +186,7 @@ def mesh_rows(shown):
     for coarse, fine, row in zip(shown, shown[1:], bands.mesh_differences(
             [(p["x"][:, ::-1], p["I"][:, ::-1]) if falls(p) else (p["x"], p["I"])
              for p in shown])):
-        sizes = [float(p["options"]["pgran_element_size"]) for p in (coarse, fine)]
+        sizes = [p["options"]["element_size"] for p in (coarse, fine)]
         text = (f"h{sizes[0]:g} to h{sizes[1]:g}"
                 f"{', mirrored' if falls(coarse) != falls(fine) else ''}: difference of I over ")
         table += [(text + "its L2 norm", "-", row["l2"]),

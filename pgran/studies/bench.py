@@ -27,10 +27,10 @@ import json
 import subprocess
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from ..output import band
+from ..output.result import Result
 from . import launch
 from .table import Table, result_file
 
@@ -148,12 +148,12 @@ def answer(sizes="2 1", tight="2 1", *, options=()):
         "width": ".1f", "tight (s)": ".0f"})
     for size in sizes.split():
         path, other = (BENCH / f"{name}_{size}.h5" for name in ("answer", "tight"))
-        took = launch.run(path, FILE, *launch.QUIET, *options, "-pgran_element_size", size, ranks=2)
+        took = launch.run(path, FILE, *launch.QUIET, *options, "-pgran_element_size", size,
+                          ranks=2).attributes
         row, I, off, spent = band.measure(path)[-1], largest(path), None, None
         if size in tight.split():
             off = 100 * (I / largest(other) - 1)
-            with h5py.File(other, "r") as file:
-                spent = file.attrs["seconds"]
+            spent = Result(other).attributes["seconds"]
         table.row(size, TARGETS.get(float(size)), *(took[name] for name in (
             "seconds", "memory", "steps", "newton_iterations", "linear_iterations")), I, off,
             row["angle"], row["width"], spent)
@@ -161,8 +161,7 @@ def answer(sizes="2 1", tight="2 1", *, options=()):
 
 def largest(path):
     """Return the largest I at the Gauss points in the last step of a result file."""
-    with h5py.File(path, "r") as file:
-        return file["history/inertial_number_max"][-1]
+    return Result(path).history["inertial_number_max"][-1]
 
 
 def iterations(sizes="2 1 0.5", ranks="1 2 3 4", *, options=()):
@@ -221,14 +220,13 @@ def flows(sizes="1 0.5 0.25", ranks="1 2", *, options=()):
                         path, f"options/{name}.opts", "-options_file", "options/flows_mg.opts",
                         *launch.QUIET, *more, *these, *options, "-pgran_element_size", size,
                         ranks=int(count), needed=False)
-                    cells.append(None if made is None else per_system(path))
+                    cells.append(None if made is None else per_system(made))
                 table.row(flow, size, count, *cells)
 
 
-def per_system(path):
-    """Return the linear iterations of a Newton iteration in a result file, "mean (most)"."""
-    with h5py.File(path, "r") as file:
-        newton, linear = (file[f"history/{name}_iterations"][...] for name in ("newton", "linear"))
+def per_system(result):
+    """Return the linear iterations of a Newton iteration of a run, "mean (most)"."""
+    newton, linear = (result.history[f"{name}_iterations"] for name in ("newton", "linear"))
     return f"{linear.sum() / newton.sum():.1f} ({(linear / newton).max():.0f})"
 
 
@@ -270,7 +268,7 @@ def weak(ranks="1 2 4", *, options=()):
         width, height = SHAPES[count]
         took = launch.run(BENCH / f"weak_{count}.h5", FILE, *launch.QUIET, *options,
                           "-pgran_width", width, "-pgran_height", height, "-pgran_element_size", 1,
-                          "-ts_max_steps", 30, *EXACT, ranks=count)
+                          "-ts_max_steps", 30, *EXACT, ranks=count).attributes
         newton = took["newton_iterations"]
         table.row(took["ranks"], f"{width} x {height}", newton, took["linear_iterations"] / newton,
                   took["seconds"] / newton, took["memory"] / took["ranks"])
@@ -287,7 +285,7 @@ def large(widths="40 80 160", ranks="1 2 4", *, options=()):
         for count in ranks.split():
             path = BENCH / f"large_{width}_{count}.h5"
             took = launch.run(path, FILE, *launch.QUIET, *options, *shape, "-pgran_compression",
-                              FLOWING, "-pgran_snapshots", FLOWING, ranks=int(count))
+                              FLOWING, "-pgran_snapshots", FLOWING, ranks=int(count)).attributes
             cells = []
             for more in solvers.values():
                 made = launch.python(
@@ -331,7 +329,8 @@ def guard(*, options=()):
     table = Table(BENCH / "guard.csv", {"what": "", "value": ".2f"})
     states = BENCH / "guard.h5"
     states.unlink(missing_ok=True)  # what it took is to be measured
-    took = launch.run(states, FILE, "-pgran_snapshots", STATES, *launch.QUIET, *options, ranks=2)
+    took = launch.run(states, FILE, "-pgran_snapshots", STATES, *launch.QUIET, *options,
+                      ranks=2).attributes
     steps, newton = took["steps"], took["newton_iterations"]
     table.row("steps", steps)
     table.row("steps repeated", took["steps_repeated"])

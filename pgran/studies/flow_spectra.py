@@ -11,9 +11,9 @@ import json
 import subprocess
 from pathlib import Path
 
-import h5py
 import numpy as np
 
+from ..output.result import Result
 from . import launch
 from .flows import mesh, steady
 from .table import Table
@@ -70,20 +70,17 @@ def measured(result, case, rate, *options):
     if not (mode.exists() and mode.stat().st_mtime > result.stat().st_mtime):
         launch.python(1, "-m", "pgran.eigen", "-pgran_restart", result, "-pgran_output", mode,
                       stdout=subprocess.DEVNULL)
-    with h5py.File(mode, "r") as file:
-        group = file["snapshots/0000"]
-        shape, base = group["velocity"][...], group["base_velocity"][...]
+    shape, base = (Result(mode).snapshots[0][name] for name in ("velocity", "base_velocity"))
     dt = SHARE / abs(rate)
     first, end = (dt * count for count in BETWEEN)
     path = result.with_name(f"{result.stem}_run.h5")
-    launch.run(path, f"options/{case}.opts", *launch.QUIET, *options, "-ts_type", "beuler",
-               "-pgran_inertia", "true", "-pgran_shear_modulus", RIGID, "-pgran_seed", mode,
-               "-pgran_seed_size", float(SIZE * np.abs(base).max()), "-pgran_step_first", dt,
-               "-pgran_step_max", dt, "-pgran_step_error", 1e6, "-pgran_end_time", end,
-               "-pgran_snapshots", first)
-    with h5py.File(path, "r") as file:
-        sizes = [((group["velocity"][...] - base) * shape).sum()
-                 for group in file["snapshots"].values()]
+    run = launch.run(
+        path, f"options/{case}.opts", *launch.QUIET, *options, "-ts_type", "beuler",
+        "-pgran_inertia", "true", "-pgran_shear_modulus", RIGID, "-pgran_seed", mode,
+        "-pgran_seed_size", float(SIZE * np.abs(base).max()), "-pgran_step_first", dt,
+        "-pgran_step_max", dt, "-pgran_step_error", 1e6, "-pgran_end_time", end,
+        "-pgran_snapshots", first)
+    sizes = [((snapshot["velocity"] - base) * shape).sum() for snapshot in run.snapshots]
     return float(np.log(sizes[1] / sizes[0]) / (end - first)) * rate / as_stepped(rate, dt)
 
 

@@ -8,11 +8,10 @@ flow_CASE.png shows each flow beside its profile. About ten minutes on two cores
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from .. import cases
-from ..output.reading import field_of, opened, stored_parameters
+from ..output.result import Result
 from . import launch
 from .table import Table
 
@@ -56,15 +55,11 @@ def errors(path):
 
     The reference is the profile of the case. Raises ValueError where it has none.
     """
-    with opened(path, snapshots=1) as file:
-        case = cases.create(stored_parameters(file))
-        last = sorted(file["snapshots"])[-1]
-        x, v = (np.moveaxis(field_of(file, last, name), 2, 0)
-                for name in ("coordinates", "velocity"))
-        g = field_of(file, last, "fluidity")
+    case, last = Result(path).case, Result(path).snapshots[-1]
+    x, v = (np.moveaxis(part, 2, 0) for part in (last.x, last["velocity"]))
     velocity, fluidity, _, _ = case.steady(case.profile(), x)
     return tuple(float(np.abs(found - exact).max() / np.abs(exact).max())
-                 for found, exact in ((v, velocity), (g, fluidity)))
+                 for found, exact in ((v, velocity), (last["fluidity"], fluidity)))
 
 
 def mesh(case, size):
@@ -74,7 +69,7 @@ def mesh(case, size):
 
 
 def steady(path, case, size, *options):
-    """Find a steady flow on elements of ``size``, d; return the root attributes of its result."""
+    """Find a steady flow on elements of ``size``, d; return its result, or None."""
     return launch.run(path, f"options/{case}.opts", *launch.QUIET, *mesh(case, size), *options,
                       needed=False)
 
@@ -99,7 +94,8 @@ def main(directory="results/flows", *, options=()):
                         float(np.log2(a / b)) for a, b in zip(before, found)]
                     before = found
                     table.row(title, law, model, size, found[0], orders[0], found[1], orders[1],
-                              took["newton_iterations"], took["seconds"])
+                              *(took.attributes[name] for name in (
+                                  "newton_iterations", "seconds")))
     table.close()
     for case in sorted({case for _, case, *_ in FLOWS}):
         path = directory / f"{case}.h5"
@@ -113,14 +109,12 @@ def draw(path, target):
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    with h5py.File(path, "r") as file:
-        case = cases.create(stored_parameters(file))
-        last = sorted(file["snapshots"])[-1]
-        x, v, g, I = (field_of(file, last, name) for name in (
-            "coordinates", "velocity", "fluidity", "inertial_number"))
-        # The last nodes of a grid that closes on itself neighbour the first ones.
-        wraps = [(0, int(wrap)) for wrap in reversed(file.attrs["closed"])]
-    x, v = np.moveaxis(x, 2, 0), np.moveaxis(v, 2, 0)
+    result = Result(path)
+    case, last = result.case, result.snapshots[-1]
+    # The last nodes of a grid that closes on itself neighbour the first ones.
+    wraps = [(0, int(wrap)) for wrap in reversed(result.closed)]
+    x, v = (np.moveaxis(part, 2, 0) for part in (last.x, last["velocity"]))
+    g, I = last["fluidity"], last["inertial_number"]
     place, along, _ = case.along(x)
     speed, profile = (v * along).sum(axis=0), case.profile()
     figure, axes = plt.subplots(1, 4, figsize=(12.0, 3.4), constrained_layout=True)

@@ -8,10 +8,10 @@ growth.png shows both, growth.csv and saturation.csv the histories.
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from ..options import PREFIX, written
+from ..output.result import Result
 from . import launch
 from .table import Table
 
@@ -42,8 +42,8 @@ def eigenmode(path, elements, *more):
     if not launch.holds(path, cell, (*launch.IGNORED, *OF_THE_CELL)):
         launch.python(launch.RANKS, "-m", "pgran.eigen", "-options_file", "options/eigen.opts",
                       "-eps_nev", 2, "-refinement", elements, *given, "-pgran_output", path)
-    with h5py.File(path, "r") as file:
-        return float(file.attrs["growth_rate"]), written(file.attrs["options"])
+    mode = Result(path).attributes
+    return float(mode["growth_rate"]), written(mode["options"])
 
 
 def grow(mode, given_options, output, end, *more):
@@ -60,10 +60,10 @@ def grow(mode, given_options, output, end, *more):
 
 def history(path):
     """Return I0, the times (n,) of the steps in 1/gdot0, and half the range of I over I0 (n,)."""
-    with h5py.File(path, "r") as file:
-        I0 = launch.stored(file, "inertial_number")
-        time, high, low = (file["history"][name][...] for name in (
-            "time", "inertial_number_max", "inertial_number_min"))
+    result = Result(path)
+    I0 = result.options["inertial_number"]
+    time, high, low = (result.history[name] for name in (
+        "time", "inertial_number_max", "inertial_number_min"))
     return I0, time, (high - low) / (2.0 * I0)
 
 

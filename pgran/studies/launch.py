@@ -21,6 +21,7 @@ from .. import cases
 from ..cli import STOPPED, read_file
 from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
 from ..output.checkpoint import checkpoints_of
+from ..output.result import Result
 from ..signals import SIGNALS
 
 #: Ranks of a run unless a study says otherwise.
@@ -174,11 +175,6 @@ def asked(options_file, *options):
     return parameters
 
 
-def stored(file, name):
-    """Return the number that an open result file stores as the option ``name``."""
-    return float(written(file.attrs["options"])[PREFIX + name])
-
-
 def holds(path, parameters, ignored=IGNORED):
     """Return whether the options stored in a result file are ``parameters``.
 
@@ -231,8 +227,21 @@ def done(path, options_file, options=()):
     return bool((attributes(path, options_file, options) or {}).get("complete", False))
 
 
+def pending(path, options_file, *options):
+    """Return the options (a list of words) with which a run to ``path`` begins or goes on.
+
+    None if it is `done`. A run that was stopped or killed goes on from its last checkpoint. The
+    parameters are those of `done`.
+    """
+    if done(path, options_file, options):
+        return None
+    begun = attributes(path, options_file, options) is not None and checkpoints_of(path)
+    again = ("-pgran_restart", path) if begun else ()
+    return [*map(str, options), "-pgran_output", str(path), *map(str, again)]
+
+
 def run(path, options_file, *options, ranks=None, needed=True):
-    """Run pgran to ``path`` unless that is `done`; return the root attributes of the result.
+    """Run pgran to ``path`` unless that is `done`; return the `pgran.output.result.Result`.
 
     A run that was stopped or killed goes on from its last checkpoint.
 
@@ -250,22 +259,20 @@ def run(path, options_file, *options, ranks=None, needed=True):
     SolutionError
         If the run fails. Its own message is on the terminal.
     """
-    if done(path, options_file, options):
+    words = pending(path, options_file, *options)
+    if words is None:
         print(f"pgran: {path} is in place", file=sys.stderr)
-    else:
-        begun = attributes(path, options_file, options) is not None and checkpoints_of(path)
-        again = ("-pgran_restart", path) if begun else ()
-        file = ("-options_file", options_file) if options_file else ()
-        failed = python(RANKS if ranks is None else ranks, "-m", "pgran", *file, *options,
-                        "-pgran_output", path, *again, check=False).returncode
-        if failed == STOPPED:
-            raise Interrupted(f"{path}: the run was stopped; the same command goes on")
-        if failed and not needed:
-            return None
-        if failed:
-            raise SolutionError(f"{path}: the run ended with exit code {failed}")
-    with h5py.File(path, "r") as file:
-        return dict(file.attrs)
+        return Result(path)
+    file = ("-options_file", options_file) if options_file else ()
+    failed = python(RANKS if ranks is None else ranks, "-m", "pgran", *file, *words,
+                    check=False).returncode
+    if failed == STOPPED:
+        raise Interrupted(f"{path}: the run was stopped; the same command goes on")
+    if failed and not needed:
+        return None
+    if failed:
+        raise SolutionError(f"{path}: the run ended with exit code {failed}")
+    return Result(path)
 
 
 def main(path, options_file, *, options=()):

@@ -9,8 +9,6 @@ I > I0, that a line up the specimen at L/4 crosses, and the difference of I from
 
 from pathlib import Path
 
-import h5py
-
 from ..output import band
 from . import launch
 from .table import COST, Table, cost
@@ -21,13 +19,10 @@ COLUMNS = {"law": "", "element (d)": "", "I from": ".3e", "I to": ".3e", "locali
            **COST}
 
 
-def crossed(path):
+def crossed(result):
     """Return how many bands a line of nodes at L/4 crosses in the last snapshot."""
-    with h5py.File(path, "r") as file:
-        group = file["snapshots"][sorted(file["snapshots"])[-1]]
-        I = group["inertial_number"][...]
-        I0 = launch.stored(file, "inertial_number")
-    return band.stretches(I[:, I.shape[1] // 4] > I0)
+    I = result.snapshots[-1]["inertial_number"]
+    return band.stretches(I[:, I.shape[1] // 4] > result.options["inertial_number"])
 
 
 def main(sizes="2 1 0.5", compression="0.01", directory="results/posed", *, options=()):
@@ -48,7 +43,7 @@ def main(sizes="2 1 0.5", compression="0.01", directory="results/posed", *, opti
             found = band.measure(path)[-1]
             apart = band.compare(paths[-2:])[0] if len(paths) > 1 else None
             table.row(law, size, found["inertial_number_min"], found["inertial_number_max"],
-                      "yes" if found["localised"] else "no", crossed(path), *(
+                      "yes" if found["localised"] else "no", crossed(took), *(
                           [100 * apart["l2"], 100 * apart["maximum"]] if apart else [None, None]),
                       *cost(took))
     table.close()

@@ -16,7 +16,6 @@ primitive.png draws both.
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from .. import cases
@@ -80,31 +79,29 @@ def rates_table(directory, options):
     return rows
 
 
-def calm(path):
+def calm(result):
     """Return what is quiet in each snapshot: I/I0 below which a tenth lies, and % below mu_s."""
     found = []
-    with h5py.File(path, "r") as file:
-        I0, yield_ratio = (launch.stored(file, name) for name in ("inertial_number", "mu_s"))
-        for _, group in sorted(file["snapshots"].items()):
-            area = band.node_areas(group["coordinates"][...])
-            I, mu = (group[name][...] for name in ("inertial_number", "stress_ratio"))
-            order = np.argsort(I, axis=None)
-            tenth = np.searchsorted(np.cumsum(area.ravel()[order]), 0.1 * area.sum())
-            found.append((float(I.ravel()[order][tenth] / I0),
-                          100.0 * float(area[mu < yield_ratio].sum() / area.sum())))
+    I0, yield_ratio = (result.options[name] for name in ("inertial_number", "mu_s"))
+    for snapshot in result.snapshots:
+        area = band.node_areas(snapshot.x)
+        I, mu = (snapshot[name] for name in ("inertial_number", "stress_ratio"))
+        order = np.argsort(I, axis=None)
+        tenth = np.searchsorted(np.cumsum(area.ravel()[order]), 0.1 * area.sum())
+        found.append((float(I.ravel()[order][tenth] / I0),
+                      100.0 * float(area[mu < yield_ratio].sum() / area.sum())))
     return found
 
 
-def history(path):
+def history(result):
     """Return the compressions (n,) of the steps of a run, and the largest I over I0 (n,)."""
-    with h5py.File(path, "r") as file:
-        return (file["history/compression"][...], file["history/inertial_number_max"][...]
-                / launch.stored(file, "inertial_number"))
+    return (result.history["compression"],
+            result.history["inertial_number_max"] / result.options["inertial_number"])
 
 
-def onset(path):
+def onset(result):
     """Return the compression (%) after which the largest I exceeds `ONSET` I0, or None."""
-    compression, largest = history(path)
+    compression, largest = history(result)
     last = np.flatnonzero(largest < ONSET)[-1]
     return None if last + 1 == len(largest) else 100.0 * float(compression[last + 1])
 
@@ -116,19 +113,19 @@ def band_table(directory, sizes, options):
         reference = None
         for name, _, given in forms(options):
             path = result_file(directory, f"{name} h{size}")
-            took = launch.run(path, "options/biaxial.opts", *launch.QUIET, *given,
-                              "-pgran_element_size", size, needed=False)
-            if took is None:
+            result = launch.run(path, "options/biaxial.opts", *launch.QUIET, *given,
+                                "-pgran_element_size", size, needed=False)
+            if result is None:
                 table.note(size, name, "did not come to its end")
                 continue
             reference = reference or path
-            for row, (quiet, below) in zip(band.measure(path), calm(path)):
+            for row, (quiet, below) in zip(band.measure(path), calm(result)):
                 apart = 100.0 * band.compare([path, reference])[0]["l2"]
-                table.row(size, name, row["compression"], onset(path), row["inertial_number_max"],
+                table.row(size, name, row["compression"], onset(result), row["inertial_number_max"],
                           quiet, below, "yes" if row["localised"] else "no", row["angle"],
-                          row["width"], apart, *cost(took))
+                          row["width"], apart, *cost(result))
             if size == sizes[0]:
-                curves.append((name, *history(path)))
+                curves.append((name, *history(result)))
     table.close()
     return curves
 

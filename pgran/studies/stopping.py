@@ -10,7 +10,6 @@ import json
 import subprocess
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from .. import cases
@@ -47,12 +46,6 @@ def layer(slope, height, *options):
             "-pgran_width", 2 * side, *launch.QUIET, *options)
 
 
-def last(path, name):
-    """Return a field of the last snapshot of a result."""
-    with h5py.File(path, "r") as file:
-        return file["snapshots"][sorted(file["snapshots"])[-1]][name][...]
-
-
 def flowing(directory, slope, known, *options):
     """Return the height, d, at which the largest fluidity of steady flow goes to zero.
 
@@ -62,8 +55,8 @@ def flowing(directory, slope, known, *options):
     largest, far = [], []
     for share in FLOWING:
         path = directory / f"flow_{slope}_{share:g}.h5"
-        launch.run(path, FILE, *layer(slope, share * known), *TIGHT, *options)
-        largest.append(last(path, "fluidity").max())
+        found = launch.run(path, FILE, *layer(slope, share * known), *TIGHT, *options)
+        largest.append(found.snapshots[-1]["fluidity"].max())
         far.append(errors(path)[0])
     # Height as a polynomial of the fluidity, at the fluidity zero.
     return known * float(np.polyfit(largest, FLOWING, len(FLOWING) - 1)[-1]), max(far)
@@ -91,11 +84,11 @@ def resting(directory, slope, known, *options):
 def followed(directory, slope, height, start, *options):
     """Return the largest fluidity at the start and at the end of a layer followed in time."""
     path = directory / f"time_{slope}_{height:.3f}_{start:g}.h5"
-    launch.run(path, FILE, *layer(slope, height), "-ts_type", "beuler", "-ts_max_steps", 100000,
-               "-pgran_shear_modulus", RIGID, "-pgran_start_fluidity", start, "-pgran_step_max", 20,
-               "-pgran_end_time", END, "-pgran_rest_speed", 0, "-pgran_snapshots", 1e-3, *options)
-    with h5py.File(path, "r") as file:
-        return [file["snapshots"][name]["fluidity"][...].max() for name in ("0000", "0001")]
+    found = launch.run(
+        path, FILE, *layer(slope, height), "-ts_type", "beuler", "-ts_max_steps", 100000,
+        "-pgran_shear_modulus", RIGID, "-pgran_start_fluidity", start, "-pgran_step_max", 20,
+        "-pgran_end_time", END, "-pgran_rest_speed", 0, "-pgran_snapshots", 1e-3, *options)
+    return [snapshot["fluidity"].max() for snapshot in found.snapshots[:2]]
 
 
 def main(directory="results/stopping", *, options=()):

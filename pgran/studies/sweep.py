@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..options import OptionError, SolutionError
 from ..output.result import Result, options_of
-from . import launch
+from . import here, launch
 from .table import result_file
 
 #: What batch systems call the number of a task in a job array.
@@ -30,8 +30,11 @@ def shipped(name):
                  if (place / f"{name}.opts").is_file()), None)
 
 
-def run(output=None, options_file=None, ranks=0, **options):
+def run(output=None, options_file=None, ranks=None, **options):
     """Run pgran and return its `pgran.output.result.Result`.
+
+    Without ``ranks`` it runs in this process. A script that ``mpiexec`` has started on ranks then
+    runs on all of them, and each must call it.
 
     Parameters
     ----------
@@ -39,8 +42,8 @@ def run(output=None, options_file=None, ranks=0, **options):
         The result file; results/CASE.h5 unless given.
     options_file : str or Path, optional
         The options to begin with; those that pgran ships for the case unless given.
-    ranks : int
-        0 is one process without mpiexec.
+    ranks : int, optional
+        Run in processes of its own: so many under mpiexec, or one without it for 0.
     **options
         Options of pgran by their names without prefix, such as ``inertial_number=0.003``. PETSc's
         go into ``petsc={"snes_atol": 1e-6}``.
@@ -50,15 +53,19 @@ def run(output=None, options_file=None, ranks=0, **options):
     OptionError, ParameterError
         Where options do not fit together, before anything runs.
     SolutionError
-        If the run fails; its own message is on standard error.
+        If the run fails. Of a process of its own the message is on standard error.
+    Interrupted
+        If a signal stops it; the same call goes on.
     """
     case = str(options.get("case", "biaxial"))
     output = Path(output or Path("results") / f"{Path(case.split(':')[0]).stem}.h5")
-    launch.run(output, *_checked(options_file=options_file, **options), ranks=ranks)
-    return Result(output)
+    words = _checked(options_file=options_file, **options)
+    if ranks is None:
+        return here.run(output, *words)
+    return launch.run(output, *words, ranks=ranks)
 
 
-def _checked(options_file=None, petsc=None, ranks=0, output=None, **options):
+def _checked(options_file=None, petsc=None, ranks=None, output=None, **options):
     """The options file and the words of the options of a run; raises what is wrong with them."""
     options_file = options_file or shipped(str(options.get("case", "biaxial")))
     petsc = {f"-{name}": value for name, value in (petsc or {}).items()}
@@ -90,7 +97,7 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
         Only this point, counted from 0: that of a job array. Taken from the environment of Slurm,
         PBS or SGE where it is set there.
     **common
-        As for `run`: ``ranks``, ``options_file``, and options of all runs.
+        As for `run`: ``ranks`` (0 unless given), ``options_file``, and options of all runs.
 
     Raises
     ------
@@ -111,7 +118,7 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
 
     def make(number):
         try:
-            run(paths[number], **{**common, **chosen[number]})
+            run(paths[number], **{"ranks": 0, **common, **chosen[number]})
         except SolutionError as error:
             return str(error)
         return None

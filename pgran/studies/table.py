@@ -10,10 +10,10 @@ from ..options import SolutionError
 COST = {"steps": "d", "repeated": "d", "Newton": "d", "linear": "d", "s": ".0f", "MB": ".0f"}
 
 
-def cost(attributes):
-    """Return the values of the columns `COST` from the root attributes of a result file."""
-    return [attributes[name] for name in ("steps", "steps_repeated", "newton_iterations",
-                                          "linear_iterations", "seconds", "memory")]
+def cost(result):
+    """Return the values of the columns `COST` of a `pgran.output.result.Result`."""
+    return [result.attributes[name] for name in (
+        "steps", "steps_repeated", "newton_iterations", "linear_iterations", "seconds", "memory")]
 
 
 def result_file(directory, name):

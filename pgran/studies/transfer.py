@@ -1,9 +1,10 @@
 """Mesh transfer: the state of a snapshot on a finer mesh, exact for its piecewise polynomials."""
 
-import h5py
 import numpy as np
 
 from ..options import OptionError
+from ..output.reading import ResultError
+from ..output.result import Result
 from ..solve.state import State
 from ..space.element import SHAPE, linear, quadratic
 
@@ -50,12 +51,11 @@ def interpolated(form, path, number):
         raise OptionError("-from NAME.h5: a result file is needed")
     grid = form.grid
     try:
-        with h5py.File(path, "r") as file:
-            group = file["snapshots"][sorted(file["snapshots"])[number]]
-            fields = {name: group[name][...] for name in (
-                "coordinates", "velocity", "fluidity", "pressure", "deviator")}
-            moment = float(group.attrs["time"])
-    except (OSError, KeyError, IndexError) as problem:
+        snapshot = Result(path).snapshots[number]
+        fields = {name: snapshot[name] for name in (
+            "coordinates", "velocity", "fluidity", "pressure", "deviator")}
+        moment = snapshot.time
+    except (ResultError, KeyError, IndexError) as problem:
         raise OptionError(f"-from {path}: no snapshot {number} can be read ({problem})") from None
     coarse = [(size - 1) // 2 for size in fields["fluidity"].shape[::-1]]
     if any(n % m for n, m in zip(grid.shape, coarse)):

@@ -7,7 +7,6 @@ specimen, over the largest I of the base. The study fails where it exceeds `LIMI
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from ..options import SolutionError
@@ -40,12 +39,10 @@ def main(directory="results/verify", *, options=()):
     table, wrong = Table(Path(directory) / "verify.csv", COLUMNS), []
     for name, varied in CASES.items():
         path = Path(directory) / f"{name}.h5"
-        launch.run(path, "options/biaxial.opts", *launch.QUIET, *options, *varied)
+        result = launch.run(path, "options/biaxial.opts", *launch.QUIET, *options, *varied)
         row = band.measure(path)[-1]
         low, high = row["inertial_number_min"], row["inertial_number_max"]
-        with h5py.File(path, "r") as file:
-            I = file["snapshots"][sorted(file["snapshots"])[-1]]["inertial_number"][...]
-            I0 = launch.stored(file, "inertial_number")
+        I, I0 = result.snapshots[-1]["inertial_number"], result.options["inertial_number"]
         if name == HOMOGENEOUS[0]:
             table.row(name, low, high, None, None, row["angle"], row["width"])
             if max(abs(low / I0 - 1.0), abs(high / I0 - 1.0)) >= HOMOGENEOUS[1]:

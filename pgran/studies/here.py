@@ -1,0 +1,106 @@
+"""A run in the process that asks for it, on all its ranks: `pgran.run` without ``ranks``."""
+
+import gc
+import signal
+import threading
+from contextlib import contextmanager
+
+import petsc4py
+
+from .. import cases
+from ..cli import check_names, given_texts, petsc_words, shared, strict
+from ..options import Interrupted, SolutionError
+from ..output.result import Result
+from ..signals import SIGNALS, Signals
+from ..versions import FIRST, callback_error
+from . import launch
+
+
+@contextmanager
+def database(texts):
+    """Let PETSc have the options {name: text} and no others, until the context ends."""
+    from petsc4py import PETSc
+
+    options = PETSc.Options()
+
+    def take(wanted):
+        before = {name: options.getString(name, "") for name in options.getAll()}
+        for name in before:
+            options.delValue(name)
+        for name, text in wanted.items():
+            options.setValue(name, text)
+        return before
+
+    before = take(texts)
+    try:
+        yield
+    finally:
+        take(before)
+
+
+@contextmanager
+def signals():
+    """Give what says whether a signal asks the run to stop, as `pgran.__main__.run` takes it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: None  # only the main thread may have signals
+        return
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    try:
+        yield Signals()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def run(path, options_file, *options):
+    """Run pgran to ``path`` in this process unless that is done; return its `Result`. Collective.
+
+    All ranks of the process take part. PETSc's options of the process are set aside meanwhile. The
+    parameters are those of `pgran.studies.launch.done`.
+
+    Raises
+    ------
+    OptionError, ParameterError
+        If the options do not fit together.
+    SolutionError
+        If the solution stops, or PETSc does.
+    Interrupted
+        If a signal stops it; the same call goes on.
+    """
+    petsc4py.init(["pgran", *FIRST])
+    from petsc4py import PETSc
+
+    world = PETSc.COMM_WORLD.tompi4py()
+    words = world.bcast(launch.pending(path, options_file, *options))
+    if words is not None:
+        apart = world.Dup()  # as in `pgran.cli.start`
+        try:
+            with database(launch.given(options_file, *words)), signals() as asked:
+                _solve(asked, apart)
+        finally:
+            apart.Free()
+            gc.collect()
+            PETSc.garbage_cleanup()
+    return Result(path)
+
+
+def _solve(asked, apart):
+    """Run what PETSc's options say; an error that not all ranks share ends them."""
+    from petsc4py import PETSc
+
+    from ..__main__ import complete, run as solve
+
+    try:
+        texts = given_texts()
+        parameters = cases.read(complete(texts))
+        check_names(PETSc.Options().getAll(), (), parameters.rows)
+        with strict(texts):
+            solve(parameters, PETSc.COMM_WORLD, asked)
+    except BaseException as error:
+        cause = callback_error(error)
+        if isinstance(cause, PETSc.Error):
+            cause = SolutionError(petsc_words(cause))
+        shared(cause, apart, f"pgran: error: {cause}")
+        if isinstance(cause, (SolutionError, Interrupted)):
+            cause = type(cause)(str(cause).replace("@", ""))  # by the names that Python has
+        raise cause from None
