@@ -9,6 +9,7 @@ import pytest
 from conftest import ROOT
 
 from pgran.output.result import Result
+from pgran.studies import launch
 
 #: A run of some two seconds.
 SMALL = ("-pgran_width", "8", "-pgran_height", "24", "-pgran_element_size", "2",
@@ -76,11 +77,12 @@ def test_a_chain_goes_on_until_it_is_finished_with_the_answer_of_one_run(folder)
     for name, text in (("qsub", "#!/bin/sh\necho again >> queued\n"), ("timeout", TIMEOUT)):
         (folder / name).write_text(text)
         (folder / name).chmod(0o755)
-    environment = {**os.environ, "PGRAN_PYTHON": sys.executable, "PBS_O_WORKDIR": str(folder),
-                   "PYTHONPATH": str(ROOT), "PATH": f"{folder}:{os.environ['PATH']}"}
+    environment = {**launch.command(0)[1], "PGRAN_PYTHON": sys.executable,
+                   "PBS_O_WORKDIR": str(folder), "PATH": f"{folder}:{os.environ['PATH']}"}
     for link in range(1, 20):
-        subprocess.run(["bash", "pgran-chain.pbs"], cwd=folder, env=environment, check=True,
-                       timeout=60, capture_output=True)
+        done = subprocess.run(["bash", "pgran-chain.pbs"], cwd=folder, env=environment, check=False,
+                              timeout=60, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
         queued = (folder / "queued").read_text().count("again") if (folder / "queued").exists() \
             else 0
         if queued < link:

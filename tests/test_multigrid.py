@@ -136,12 +136,14 @@ def test_what_the_coarse_grid_for_all_fields_has_is_solved_exactly_and_leaks_not
         with open("/proc/self/statm") as file:
             return int(file.read().split()[1]) * 4096
 
-    for count in (20, 300):  # what is allocated once, and then nothing
+    grown = []
+    for _ in range(3):  # what is allocated once is not in the least of them
         before = memory()
-        for _ in range(count):
+        for _ in range(80):
             outer.apply(right, found)
             correction.setUp(outer)
-    assert memory() - before < 300 * 8 * right.getLocalSize() / 10
+        grown.append(memory() - before)
+    assert min(grown) < 80 * 8 * right.getLocalSize() / 10
 
 
 def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_few(tmp_path):

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, discretised, run_ranks
+from conftest import ROOT, discretised, parameters, run_ranks
 
 from pgran.options import OptionError, ParameterError, SolutionError
 from pgran.output import section4 as figures
@@ -282,6 +282,7 @@ def test_transfer_to_a_finer_mesh_is_exact_for_quadratic_fields(tmp_path):
 
     path = tmp_path / "coarse.h5"
     with h5py.File(path, "w") as file:
+        file.attrs["options"] = parameters(width=8, height=16, element_size=2).text()
         group = file.create_group("snapshots/0000")
         group.attrs["time"] = 0.25
         for name, value in fields(*np.meshgrid(np.arange(5) * 2.0, np.arange(9) * 2.0)).items():
