@@ -203,6 +203,8 @@ class PlacedMatrix(ElementMatrix):
         matrix = PETSc.Mat().create(comm=comm)
         matrix.setType(PETSc.Mat.Type.AIJ)
         matrix.setSizes(((n_rows, None), (n_columns, None)))
+        matrix.setBlockSizes(*(parts[0].dof if len(parts) == 1 else 1
+                               for parts in (self._rows, self._columns)))
         here = np.zeros(n_rows, dtype=PETSc.IntType)
         for rows, start, column in sparsity.chunks():
             column = self._numbers[1][column]
@@ -219,6 +221,7 @@ class PlacedMatrix(ElementMatrix):
                 sparsity.start[rows.start] + np.arange(column.size, dtype=PETSc.ScalarType),
                 rowmap=np.arange(above + rows.start, above + rows.stop, dtype=PETSc.IntType))
         matrix.assemble()
+        matrix.setOption(PETSc.Mat.Option.NO_OFF_PROC_ENTRIES, True)  # `filling` writes own rows
         return matrix
 
     def create(self):

@@ -173,7 +173,7 @@ class NodeLevel:
         column = (node * dof)[:, None] + np.arange(dof)[:, None]
         value = np.where(fine.held.reshape(n, dof, 1), 0.0, weight[:, None])
         matrix = PETSc.Mat().createAIJ(
-            ((fine.held.size, None), (self.held.size, None)), comm=self.comm,
+            ((fine.held.size, None), (self.held.size, None)), bsize=dof, comm=self.comm,
             csr=(start.astype(PETSc.IntType), column[used].astype(PETSc.IntType), value[used]))
         matrix.diagonalScale(None, self._free())
         (i0, i1), (j0, j1) = self.range
