@@ -10,8 +10,6 @@ import petsc4py
 # One machine: Open MPI need not look for networks each time that it starts.
 os.environ.setdefault("OMPI_MCA_pml", "ob1")
 os.environ.setdefault("OMPI_MCA_btl", "self,vader")
-# More ranks than cores: one that waits lets others work.
-os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 # Nor wait at each start for a munge that was installed and does not run.
 os.environ.setdefault("PMIX_MCA_psec", "native")
 petsc4py.init(["pgran-tests"])

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from pgran.solve.state import rest
 from pgran.space.coarse import CoarseCorrection
+from pgran.space.galerkin import GalerkinMatrix
 from pgran.space.multigrid import corner_level, node_level
 from pgran.space.schur import INERTIAL, PressureSchur
 
@@ -107,6 +108,29 @@ def test_odd_numbers_of_elements_are_joined_exactly_too(case, shape):
                 np.testing.assert_allclose(found.array, vectors[0].array, rtol=1e-12)
             assert not found.array[~free].any()
             fine = coarse
+
+
+@pytest.mark.parametrize("options", [
+    {"width": 8, "height": 24, "element_size": 1}, {"width": 7, "height": 9, "element_size": 1},
+    {"width": 8, "height": 24, "element_size": 1, "model": "li"},
+    {"case": "periodic", "cell_elements": 6},
+    {"case": "annular_shear", "inner_radius": 5, "outer_radius": 8, "element_size": 1}],
+    ids=["specimen", "odd numbers", "no fluidity", "periodic", "ring"])
+def test_the_operator_summed_by_elements_is_the_product_of_matrices(options):
+    form = discretised(**options)
+    state, matrix = rest(form), form.create_matrix("nest")
+    fine = node_level(form, ["velocity", "fluidity"][:form.grid.dof - 1])
+    coarse = fine.coarser()
+    part = GalerkinMatrix(form, fine, coarse)
+    operator, up = part.create(), coarse.interpolation(fine)
+    increment = form.increment(state.x, state.stress, 0.5, 0.0)
+    for size in (1.0, 1.1):  # the second one replaces the first
+        form.jacobian(size * state.local, 1e3, increment, matrix, more=[(part, operator)])
+        product = matrix.getNestSubMatrix(0, 0).ptap(up)
+        apart = operator.copy()
+        apart.axpy(-1.0, product, structure=PETSc.Mat.Structure.DIFFERENT)
+        most = PETSc.NormType.INFINITY
+        assert apart.norm(most) < 1e-14 * product.norm(most)
 
 
 def test_what_the_coarse_grid_for_all_fields_has_is_solved_exactly_and_leaks_nothing():

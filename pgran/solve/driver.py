@@ -9,7 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..options import Interrupted, OptionError, ParameterError, SolutionError
-from ..space import coarse, multigrid
+from ..space import coarse, galerkin, multigrid
 from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
 from .balance import Balance
@@ -164,7 +164,7 @@ class Driver:
         form = self.form
         self.matrix = form.create_matrix(matrix_type())
         self._residual_vector = self.grid.create_vector()
-        self.schur = None
+        self.schur = self.hierarchy = None
         ts = PETSc.TS().create(comm=self.grid.comm)
         ts.setDM(multigrid.field_shell(form))
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
@@ -187,6 +187,7 @@ class Driver:
         self._check_options(ts)
         ksp = ts.getSNES().getKSP()
         self.schur = multigrid.configure(ksp, form)
+        self.hierarchy = galerkin.hierarchy(ksp, form)
         if self.parameters.coarse_correction:
             coarse.correct(ksp, ts.getDM(), form)
         return ts
@@ -296,9 +297,16 @@ class Driver:
             local, increment = self.grid.to_local(u), self._increment(ts, time)
             self._tolerances.next(ts.getSNES())
             defect = self._fluidity_defect(local, rate, increment)
-            self.form.jacobian(local, shift, increment, preconditioner, defect)
-            if self.schur is not None:
-                self.schur.fill(local, shift, increment, preconditioner)
+            self.fill(local, shift, increment, jacobian, preconditioner, defect)
+
+    def fill(self, local, shift, increment, jacobian, preconditioner, defect=None):
+        """Fill the Jacobian, as `WeakForm.jacobian` does, and what preconditions it. Collective."""
+        more = self.hierarchy.filled if self.hierarchy else ()
+        self.form.jacobian(local, shift, increment, preconditioner, defect, more)
+        if self.schur is not None:
+            self.schur.fill(local, shift, increment, preconditioner)
+        if self.hierarchy:
+            self.hierarchy.update(jacobian, preconditioner)
 
     def _fluidity_defect(self, local, rate, increment):
         """The defect that `WeakForm.jacobian` asks for, or None for the tangent. Collective."""

@@ -195,7 +195,7 @@ class NodeLevel:
         fine = np.arange(*span)
         element = np.searchsorted(kept[degree:-1:degree], fine)
         node = degree * element[:, None] + np.arange(degree + 1)
-        weight = _lagrange(x[node], finer[fine])
+        weight = lagrange(x[node], finer[fine])
         if self.periodic[axis]:
             node %= degree * self.shape[axis]
             if self.shape[axis] == 1:  # both ends of the element are one node
@@ -219,7 +219,7 @@ def _joined_nodes(n, degree):
     return np.concatenate([pairs, pairs[-1] + np.arange(1, degree + 1)]) if n % 2 else pairs
 
 
-def _lagrange(nodes, x):
+def lagrange(nodes, x):
     """The weights (n, m) at ``x`` (n,) of the polynomials through values at ``nodes`` (n, m)."""
     m = nodes.shape[1]
     apart = nodes[:, :, None] - nodes[:, None, :] + np.eye(m)

@@ -562,12 +562,12 @@ class WeakForm:
         defect[0, owned] = grid.split(local)[1][owned] / mass[owned]
         return grid.with_ghosts(defect)[0]
 
-    def jacobian(self, local, shift, increment, matrix, defect=None):
+    def jacobian(self, local, shift, increment, matrix, defect=None, more=()):
         """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective.
 
         Rows and columns of prescribed unknowns are those of the identity. With a ``defect``
         (n_nodes,) as `fluidity_defect` gives it, dF/dmu is that of the `chord` over which F falls
-        by the defect.
+        by the defect. ``more`` are further parts and matrices for `pgran.space.matrix.fill`.
         """
         local = np.where(self.held, increment.prescribed, local)
         kind = "nest" if matrix.getType() == PETSc.Mat.Type.NEST else "aij"
@@ -575,7 +575,7 @@ class WeakForm:
                  for row, parts in enumerate(self._element_matrices(kind))
                  for column, part in enumerate(parts)]
         with np.errstate(invalid="ignore", divide="ignore"):
-            fill(parts, self.batches, lambda number, out: self._element_tangents(
+            fill([*parts, *more], self.batches, lambda number, out: self._element_tangents(
                 local, shift, increment, number, out, defect))
         matrix.assemble()
 

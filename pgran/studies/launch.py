@@ -31,9 +31,8 @@ IGNORED = ("output", "progress", "restart", "seed", "checkpoint_steps", "checkpo
            "picture_every")
 #: Seconds that a process has to end itself and its ranks.
 GRACE = 10.0
-#: What a user may choose for Open MPI: networks, how ranks wait, and how they prove who they are.
-NETWORK = ("OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "OMPI_MCA_mpi_yield_when_idle",
-           "PMIX_MCA_psec")
+#: What a user may choose for Open MPI: networks, and how processes prove who they are.
+NETWORK = "OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "PMIX_MCA_psec"
 #: Options of runs that only show errors.
 QUIET = "-pgran_progress", "quiet"
 

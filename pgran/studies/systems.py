@@ -61,9 +61,7 @@ def first_system(driver, dt):
     local, _ = state.extrapolated(dt)
     right = form.grid.create_vector()
     right.setArray(form.residual(local, (local - state.local) / dt, increment))
-    form.jacobian(local, 1.0 / dt, increment, driver.matrix)
-    if driver.schur is not None:
-        driver.schur.fill(local, 1.0 / dt, increment, driver.matrix)
+    driver.fill(local, 1.0 / dt, increment, driver.matrix, driver.matrix)
     ksp = driver.ts.getSNES().getKSP()
     ksp.setOperators(driver.matrix)
     return ksp, right
