@@ -167,13 +167,13 @@ class GalerkinMatrix:
     def _in_order(self, values):
         """Bring values (m, m, n) of rows and columns field by field to the order of `filling`."""
         parts = values.reshape(self._dof, NODES, self._dof, NODES, -1)
-        return np.moveaxis(parts, (3, 0, 2, 1), (0, 1, 2, 3)).ravel()
+        return np.moveaxis(parts, 2, 1).ravel()
 
     @contextmanager
     def filling(self, matrix):
         """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
         dof = self._dof
-        total = np.zeros((NODES, dof * dof, NODES, self.count))
+        total = np.zeros((dof * dof, NODES, NODES, self.count))
 
         def add(number, out):
             fine = out[:(NODES * dof)**2].reshape(dof * dof, NODES, NODES, -1)
@@ -182,10 +182,9 @@ class GalerkinMatrix:
                 both = free[:, None, :, None] * free[None, :, None, :]
                 fine[..., some] *= both.reshape(dof * dof, NODES, NODES, -1)
             for chosen, target, down in steps:
-                # Columns first, as one product; then the rows.
-                part = down @ np.moveaxis(fine[..., chosen], 2, 0).reshape(NODES, -1)
-                part = np.matmul(down, part.reshape(NODES * dof * dof, NODES, -1))
-                total[..., target] += part.reshape(NODES, dof * dof, NODES, -1)
+                part = np.matmul(down, fine[..., chosen].reshape(dof * dof * NODES, NODES, -1))
+                part = np.matmul(down, part.reshape(dof * dof, NODES, -1))
+                total[..., target] += part.reshape(dof * dof, NODES, NODES, -1)
 
         yield add
         others = []
