@@ -162,7 +162,11 @@ class Driver:
 
     def _create_ts(self):
         form = self.form
-        self.matrix = form.create_matrix(matrix_type())
+        kind = matrix_type()
+        if kind == PETSc.Mat.Type.NEST and galerkin.asked() and not (
+                self.parameters.coarse_correction):
+            kind = "blocked"
+        self.matrix = form.create_matrix(kind)
         self._residual_vector = self.grid.create_vector()
         self.schur = self.hierarchy = None
         ts = PETSc.TS().create(comm=self.grid.comm)
@@ -187,7 +191,7 @@ class Driver:
         self._check_options(ts)
         ksp = ts.getSNES().getKSP()
         self.schur = multigrid.configure(ksp, form)
-        self.hierarchy = galerkin.hierarchy(ksp, form)
+        self.hierarchy = galerkin.Hierarchy(ksp, form) if galerkin.asked() else None
         if self.parameters.coarse_correction:
             coarse.correct(ksp, ts.getDM(), form)
         return ts

@@ -255,15 +255,12 @@ class Hierarchy:
             mg.setMGInterpolation(count - coarser, self._up[-1])
 
 
-def hierarchy(ksp, form):
-    """Return the `Hierarchy` for which the options ask, or None. Collective."""
-    pc, database = ksp.getPC(), PETSc.Options()
-    prefix = f"{pc.getOptionsPrefix() or ''}fieldsplit_0_pc_"
-    asked = {name: database.getString(prefix + name, "") for name in ("type", "mg_galerkin")}
-    if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != {
-            "type": PETSc.PC.Type.MG, "mg_galerkin": "external"}:
-        return None
-    return Hierarchy(ksp, form)
+def asked(prefix=""):
+    """Return whether options ask for a `Hierarchy`; ``prefix`` is that of the whole system."""
+    wanted = {"pc_type": PETSc.PC.Type.FIELDSPLIT, "fieldsplit_0_pc_type": PETSc.PC.Type.MG,
+              "fieldsplit_0_pc_mg_galerkin": "external"}
+    return all(PETSc.Options().getString(prefix + name, "") == text
+               for name, text in wanted.items())
 
 
 def _children(fine, coarse, axis):

@@ -148,10 +148,15 @@ class ElementMatrix(ABC):
 
 
 class PlacedMatrix(ElementMatrix):
-    """An AIJ matrix whose values are summed where PETSc keeps them."""
+    """An AIJ or BAIJ matrix whose values are summed where PETSc keeps them.
 
-    def __init__(self, *arguments, **more):
+    BAIJ, with ``blocked``, keeps the unknowns of a point as blocks. Its rows and columns are those
+    of one lattice, and all unknowns of a point couple.
+    """
+
+    def __init__(self, *arguments, blocked=False, **more):
         super().__init__(*arguments, **more)
+        self._blocked = blocked
         sparsity = self._sparsity()
         self._made = self._pattern(sparsity)
         with stored_values(self._made) as arrays:
@@ -199,21 +204,22 @@ class PlacedMatrix(ElementMatrix):
         comm = self._grid.comm
         ranks, n_rows = comm.tompi4py(), sparsity.start.size - 1
         n_columns = self._owned(1).size
-        last, size = ranks.scan(n_columns), ranks.allreduce(n_columns)
+        last, total = ranks.scan(n_columns), ranks.allreduce(n_columns)
         matrix = PETSc.Mat().create(comm=comm)
-        matrix.setType(PETSc.Mat.Type.AIJ)
+        matrix.setType(PETSc.Mat.Type.BAIJ if self._blocked else PETSc.Mat.Type.AIJ)
         matrix.setSizes(((n_rows, None), (n_columns, None)))
         matrix.setBlockSizes(*(parts[0].dof if len(parts) == 1 else 1
                                for parts in (self._rows, self._columns)))
+        size = self._rows[0].dof if self._blocked else 1
         here = np.zeros(n_rows, dtype=PETSc.IntType)
         for rows, start, column in sparsity.chunks():
             column = self._numbers[1][column]
             here[rows] = np.add.reduceat(
                 (last - n_columns <= column) & (column < last), start[:-1], dtype=int)
         # A cell of two elements reaches a node from both sides, and counts it twice.
-        there = np.minimum(np.diff(sparsity.start) - here, size - n_columns)
-        matrix.setPreallocationNNZ((np.minimum(here, n_columns).astype(PETSc.IntType),
-                                    there.astype(PETSc.IntType)))
+        there = np.minimum(np.diff(sparsity.start) - here, total - n_columns)
+        matrix.setPreallocationNNZ([(most[::size] // size).astype(PETSc.IntType) for most in (
+            np.minimum(here, n_columns), there)])
         above = ranks.scan(n_rows) - n_rows
         for rows, start, column in sparsity.chunks():
             matrix.setValuesIJV(
@@ -458,11 +464,11 @@ _petsc = ctypes.CDLL(PETSc.__file__)  # the library that petsc4py itself is link
 
 @contextmanager
 def stored_values(matrix):
-    """Give the arrays (n,), (m,) in which PETSc keeps the values of an AIJ matrix, to change them.
+    """Give the arrays (n,), (m,) in which PETSc keeps the values of a matrix, to change them.
 
-    The first is of the columns that this rank owns, the second of the others; in both, row
-    after row, and within a row in the order of global columns. Raises RuntimeError where PETSc's
-    scalars are not real numbers in double precision.
+    The first is of the columns that this rank owns, the second of the others. For AIJ they hold row
+    after row, and within a row go by global columns; for BAIJ they hold block after block. Raises
+    RuntimeError where PETSc's scalars are not real numbers in double precision.
     """
     if np.dtype(PETSc.ScalarType) != np.float64:
         raise RuntimeError(f"PETSc was built with scalars of type {np.dtype(PETSc.ScalarType)}; "
@@ -473,8 +479,9 @@ def stored_values(matrix):
             raise RuntimeError(f"{name} failed")
 
     near, far = ctypes.c_void_p(matrix.handle), ctypes.c_void_p()
+    kind = "BAIJ" if matrix.getType().endswith("baij") else "AIJ"
     if matrix.comm.size > 1:
-        call("MatMPIAIJGetSeqAIJ", ctypes.c_void_p(matrix.handle), ctypes.byref(near),
+        call(f"MatMPI{kind}GetSeq{kind}", ctypes.c_void_p(matrix.handle), ctypes.byref(near),
              ctypes.byref(far), None)
     count = PETSc.Mat.InfoType.LOCAL
     total = int(matrix.getInfo(count)["nz_used"])
@@ -483,12 +490,12 @@ def stored_values(matrix):
     for part, length in ((near, diagonal), (far, total - diagonal)):
         pointer = ctypes.POINTER(ctypes.c_double)()
         if part:
-            call("MatSeqAIJGetArray", part, ctypes.byref(pointer))
+            call(f"MatSeq{kind}GetArray", part, ctypes.byref(pointer))
             pointers.append((part, pointer))
         arrays.append(np.ctypeslib.as_array(pointer, (length,)) if length else np.empty(0))
     try:
         yield arrays
     finally:
         for part, pointer in pointers:
-            call("MatSeqAIJRestoreArray", part, ctypes.byref(pointer))
+            call(f"MatSeq{kind}RestoreArray", part, ctypes.byref(pointer))
         matrix.stateIncrease()
