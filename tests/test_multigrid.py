@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from pgran.solve.state import rest
 from pgran.space.coarse import CoarseCorrection
-from pgran.space.galerkin import GalerkinMatrix
+from pgran.space.galerkin import GalerkinMatrix, first_batches
 from pgran.space.multigrid import corner_level, node_level
 from pgran.space.schur import INERTIAL, PressureSchur
 
@@ -121,16 +121,23 @@ def test_the_operator_summed_by_elements_is_the_product_of_matrices(options):
     state, matrix = rest(form), form.create_matrix("nest")
     fine = node_level(form, ["velocity", "fluidity"][:form.grid.dof - 1])
     coarse = fine.coarser()
-    part = GalerkinMatrix(form, fine, coarse)
-    operator, up = part.create(), coarse.interpolation(fine)
+    nodes, ups, batches, chain = [fine, coarse, coarse.coarser()], [], first_batches(form), []
+    for finer, joined in zip(nodes, nodes[1:]):
+        part = GalerkinMatrix(finer, joined, batches, blocked=joined is coarse)
+        chain.append((part, part.create()))
+        ups.append(joined.interpolation(finer))
+        batches = [part.elements()]
+    chain[0][0].coarser = chain[1]
     increment = form.increment(state.x, state.stress, 0.5, 0.0)
     for size in (1.0, 1.1):  # the second one replaces the first
-        form.jacobian(size * state.local, 1e3, increment, matrix, more=[(part, operator)])
-        product = matrix.getNestSubMatrix(0, 0).ptap(up)
-        apart = operator.copy()
-        apart.axpy(-1.0, product, structure=PETSc.Mat.Structure.DIFFERENT)
-        most = PETSc.NormType.INFINITY
-        assert apart.norm(most) < 1e-14 * product.norm(most)
+        form.jacobian(size * state.local, 1e3, increment, matrix, more=chain[:1])
+        product = matrix.getNestSubMatrix(0, 0)
+        for up, (_, operator) in zip(ups, chain):
+            product = product.ptap(up)
+            apart = operator.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+            apart.axpy(-1.0, product, structure=PETSc.Mat.Structure.DIFFERENT)
+            most = PETSc.NormType.INFINITY
+            assert apart.norm(most) < 1e-14 * product.norm(most)
 
 
 def test_what_the_coarse_grid_for_all_fields_has_is_solved_exactly_and_leaks_nothing():
