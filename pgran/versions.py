@@ -21,7 +21,9 @@ def callback_error(error):
 
     if isinstance(error, SystemError) and isinstance(error.__cause__, PETSc.Error):
         error = error.__cause__
-    return error.__cause__ if isinstance(error, PETSc.Error) and error.__cause__ else error
+    while isinstance(error, PETSc.Error) and error.__cause__:  # a callback within a callback
+        error = error.__cause__
+    return error
 
 
 def set_schur_matrix(pc, matrix):
