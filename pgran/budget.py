@@ -24,13 +24,13 @@ ROWS = (
     own("newton", "int", "Newton iterations of the run; those of a specimen unless given", low=1),
     JSON)
 #: Core seconds that multigrid takes for a Newton iteration and an unknown.
-MULTIGRID = 5.5e-6
+MULTIGRID = 2.8e-6
 #: Core seconds of MUMPS for a Newton iteration with a million unknowns, and its growth.
 DIRECT, GROWTH = 20.0, 1.25
 #: The time of MUMPS falls with the ranks to this power.
 SPEEDUP = 0.7
 #: Bytes of an unknown: multigrid, and MUMPS with a million unknowns; and of a rank by itself.
-BYTES, DIRECT_BYTES, RANK = 3.4e3, 5.6e3, 115e6
+BYTES, DIRECT_BYTES, RANK = 2.3e3, 5.6e3, 115e6
 #: Newton iterations to 10 % compression, how they grow with it, and those of the local model.
 NEWTON, POWER, LOCAL_NEWTON = 320, 0.45, 260
 

@@ -65,8 +65,8 @@ def test_the_doctor_says_what_to_do(monkeypatch, capsys):
 
 #: Element size, options file, seconds on two ranks of two machines, and MB (docs/performance.md,
 #: docs/reproduction.md).
-RUNS = [(2, "biaxial", 10.4, 17.5, 270), (1, "biaxial", 38.2, 65.6, 434),
-        (0.5, "biaxial", 215, 215, 1012), (0.25, "biaxial", 735, 735, 3509),
+RUNS = [(2, "biaxial", 7.5, 8.2, 254), (1, "biaxial", 23.2, 29.3, 369),
+        (0.5, "biaxial", 102.6, 102.6, 776), (0.25, "biaxial", 375, 375, 2351),
         (2, "li", 10, 10, 256), (1, "li", 79, 79, 407), (0.5, "li", 357, 357, 1064),
         (0.25, "li", 2413, 2413, 4082)]
 
