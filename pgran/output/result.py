@@ -195,7 +195,9 @@ class Snapshot:
 
     @property
     def label(self):
-        """Where in the run it is, in words."""
+        """Where in the run it is, in words; a steady flow has no time."""
+        if "steady_residual" in getattr(self.result, "attributes", ()):
+            return "steady flow"
         return str(self.attributes.get("label", ""))
 
     def stored(self, name):
