@@ -192,13 +192,14 @@ def _told(error, comm, apart, beyond):
                 f"more machines need less{f' ({error})' if str(error) else ''}")
     else:
         text = "".join(traceback.format_exception(error)).rstrip()
-    if shared(error, apart, text) and text and comm.rank == 0:
+    end_unless_shared(error, apart, text)
+    if text and comm.rank == 0:
         print(text, file=sys.stderr, flush=True)
     return code
 
 
-def shared(error, apart, text):
-    """Return True if all ranks have raised an error; otherwise say ``text`` and end all ranks.
+def end_unless_shared(error, apart, text):
+    """End all ranks, and say ``text``, unless all of them have raised an error. Collective.
 
     ``apart`` is an mpi4py communicator with no messages under way.
     """
@@ -206,7 +207,6 @@ def shared(error, apart, text):
         print(f"{text}\npgran: rank {apart.rank} failed and others did not; all are ended",
               file=sys.stderr, flush=True)
         apart.Abort(1)
-    return True
 
 
 def given_texts(rows=()):

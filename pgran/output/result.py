@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import cases
+from ..material.elasticity import logarithmic_strain
 from ..options import PREFIX, ParameterError
 from ..space.element import NODES
 from . import band
@@ -62,10 +63,9 @@ def _spin(snapshot):
 
 
 def _strain(snapshot):
-    """ln(l1/l2) = arccosh(F:F/(2 det F)), as F:F = l1^2 + l2^2 and det F = l1 l2."""
-    (f11, f12), (f21, f22) = snapshot.deformation_gradient
-    squares, area = f11**2 + f12**2 + f21**2 + f22**2, f11 * f22 - f12 * f21
-    return np.arccosh(np.maximum(squares / (2.0 * area), 1.0))
+    """ln(l1/l2), the difference of the principal values of `logarithmic_strain`."""
+    h11, h22, h12 = logarithmic_strain(snapshot.deformation_gradient)
+    return np.hypot(h11 - h22, 2.0 * h12)
 
 
 def _volume_change(snapshot):

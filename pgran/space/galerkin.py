@@ -36,11 +36,11 @@ class GalerkinMatrix:
         i and j, and which of their unknowns are prescribed, field by field, (m, n) bool.
     blocked : bool
         Whether the matrix is BAIJ; AIJ otherwise.
-    coarser : tuple of (GalerkinMatrix, PETSc.Mat), optional
-        The operator of the next coarser grid, which is filled too.
 
     Attributes
     ----------
+    coarser : tuple of (GalerkinMatrix, PETSc.Mat), or None
+        The operator of the next coarser grid, which `filling` fills too.
     held : ndarray of bool, (m, n)
         Which unknowns of the local coarse elements are prescribed, field by field.
     """
@@ -191,7 +191,10 @@ class GalerkinMatrix:
 
     @contextmanager
     def filling(self, matrix):
-        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
+        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective.
+
+        Entries of prescribed unknowns, which no other matrix takes, become zero in ``out``.
+        """
         dof = self._dof
         total = np.zeros((dof * dof, NODES, NODES, self.count))
 
@@ -256,6 +259,11 @@ class Hierarchy:
     ----------
     filled : list of (GalerkinMatrix, PETSc.Mat)
         What `pgran.space.weakform.WeakForm.jacobian` fills besides the Jacobian.
+
+    Raises
+    ------
+    ParameterError
+        If options ask for more grids than the elements allow.
     """
 
     def __init__(self, ksp, form):
@@ -291,11 +299,11 @@ class Hierarchy:
             mg.getMGSmoother(count - 1 - coarser).setOperators(operator, operator)
 
 
-def asked(prefix=""):
-    """Return whether options ask for a `Hierarchy`; ``prefix`` is that of the whole system."""
+def asked():
+    """Return whether options ask for a `Hierarchy`."""
     wanted = {"pc_type": PETSc.PC.Type.FIELDSPLIT, "fieldsplit_0_pc_type": PETSc.PC.Type.MG,
               "fieldsplit_0_pc_mg_galerkin": "external"}
-    return all(PETSc.Options().getString(prefix + name, "") == text
+    return all(PETSc.Options().getString(name, "") == text
                for name, text in wanted.items())
 
 

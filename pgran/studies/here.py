@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import petsc4py
 
 from .. import cases
-from ..cli import check_names, given_texts, petsc_words, shared, strict
+from ..cli import check_names, end_unless_shared, given_texts, petsc_words, strict
 from ..options import Interrupted, SolutionError
 from ..output.result import Result
 from ..signals import SIGNALS, Signals
@@ -100,7 +100,7 @@ def _solve(asked, apart):
         cause = callback_error(error)
         if isinstance(cause, PETSc.Error):
             cause = SolutionError(petsc_words(cause))
-        shared(cause, apart, f"pgran: error: {cause}")
+        end_unless_shared(cause, apart, f"pgran: error: {cause}")
         if isinstance(cause, (SolutionError, Interrupted)):
             cause = type(cause)(str(cause).replace("@", ""))  # by the names that Python has
         raise cause from None
