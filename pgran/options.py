@@ -252,11 +252,13 @@ RUN = (
            "snapshot of a fixed mesh"),
     positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode",
              needs="seed"),
-    positive("step_error", 0.1, "", "largest departure of a step from the extrapolation of the "
+    positive("step_error", 0.25, "", "largest departure of a step from the extrapolation of the "
              "last two states: that of the velocity is taken relative to its departure from the "
              "reference flow, that of the stress deviator relative to the yield stress; a step "
              "that exceeds it twice is repeated smaller, but not below a tenth of the time of "
-             "elastic loading", "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0)",
+             "elastic loading; until a band has formed also the largest square of r dt, where r is "
+             "the rate at which changes of the velocity grow",
+             "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0), (r dt)^2",
              changeable=True),
     positive("step_perturbation", 1e-3, "", "smallest departure from the reference flow that "
              "step_error resolves, relative to the largest velocity", changeable=True),

@@ -397,20 +397,19 @@ class Driver:
         step.dt = dt  # as TS counts it, which differs by rounding
         stress = self.form.stress(local, step.increment)
         if not self.steady:
-            departure, perturbation = step.departure(
-                local, stress, self.parameters.step_perturbation)
-            smaller = self.controller.smaller(dt, departure)
+            departure = step.departure(local, stress, self.parameters.step_perturbation)
+            smaller = self.controller.smaller(dt, departure.error)
             if smaller is not None:
                 self.rejected += 1
-                self._failure = (f"the last step, of {dt:.3g}, departs {departure:.3g} from the "
-                                 "extrapolation", "a larger @step_error")
+                self._failure = (f"the last step, of {dt:.3g}, departs {departure.error:.3g} from "
+                                 "the extrapolation", "a larger @step_error")
                 ts.rollBack()
                 ts.setTimeStep(smaller)
                 return
         end = step.end(local, stress)
         if not self.steady:
             self._check_mesh(end)
-            self._perturbation = perturbation
+            self._perturbation = departure.perturbation
         self._creep = np.abs(stress - state.stress).max(initial=0.0) / (
             2.0 * self.form.material.G * dt)
         self.state, self._failure = end, None
@@ -420,7 +419,7 @@ class Driver:
         if target is not None:
             self.state.time = target
         if not self.steady:
-            ts.setTimeStep(self.controller.next(self.state.time, dt, departure))
+            ts.setTimeStep(self.controller.next(self.state.time, dt, departure.to_come))
             if self._comes_to_rest(local):
                 self.at_rest = True
                 self.controller.targets.clear()

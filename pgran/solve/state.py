@@ -1,11 +1,14 @@
 """The state of a run, where it starts, and what one time step solves.
 
-A step predicts the mesh at its end to second order (Adams-Bashforth), turns the last two stresses
+A step predicts the mesh at its end to third order (Adams-Bashforth), turns the last two stresses
 with the material, and asks for the solution there with the stress rate of BDF2. After acceptance
-the mesh moves by the trapezoidal rule, and the new stress is kept. On a fixed mesh the flow carries
-and turns the stress instead. In pseudo-time nothing turns either, so that the steady state is that
-of rigid-viscous flow.
+the mesh moves by the trapezoidal rule, and the new stress is kept. Where the flow grows as
+exp(r t), this rule adds (r dt)^3/12 in a step, and a prediction of second order would take
+5/12 (r dt)^4, which is more from r dt = 1/5 on. On a fixed mesh the flow carries and turns the stress instead. In
+pseudo-time nothing turns either, so that the steady state is that of rigid-viscous flow.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -18,6 +21,11 @@ from ..output.reading import opened
 from ..output.results import read_mode, read_snapshot
 from ..space.element import DIM, SHAPE
 
+#: Departure from the reference flow, over its size, from which on a perturbation is a band.
+FORMED = 1.0
+#: Changes of the perturbation below this share of what is resolved are those of rounding and of
+#: what Newton's method leaves.
+NOISE = 1e-3
 #: Numbers of a checkpoint without which no run goes on.
 NUMBERS = ("time", "period", "ts_time", "wanted", "steps", "history", "snapshots", "stored", "work",
            "dissipation")
@@ -42,11 +50,18 @@ class State:
         The stress that this step started from, turned and carried with the material.
     rate : ndarray, (n_local,)
         Difference quotient of the unknowns over this step; zero at the start.
+    bend : ndarray, (2, n_nodes), or None
+        Second divided difference of the velocity over the last two steps; None before there were
+        two.
+    pace : float or None
+        Largest change of v - v0 over this step, divided by ``dt``, where v0 is the reference flow;
+        0 where it is `NOISE`.
     """
 
-    def __init__(self, time, x, local, stress, dt=None, earlier=None, rate=None):
+    def __init__(self, time, x, local, stress, dt=None, earlier=None, rate=None, bend=None,
+                 pace=None):
         self.time, self.x, self.local, self.stress = time, x, local, stress
-        self.dt, self.earlier = dt, earlier
+        self.dt, self.earlier, self.bend, self.pace = dt, earlier, bend, pace
         self.rate = np.zeros_like(local) if rate is None else rate
 
     def extrapolated(self, dt):
@@ -55,6 +70,14 @@ class State:
             return self.local, self.stress
         return (self.local + dt * self.rate,
                 self.stress + dt / self.dt * (self.stress - self.earlier))
+
+    def mean_velocity(self, form, dt):
+        """Return the velocity (2, n_nodes) expected in a step ``dt``, its mean, d gdot0.
+
+        It is that of the parabola through the last three states.
+        """
+        found = velocity(form, self.local + 0.5 * dt * self.rate, self.x)
+        return found if self.bend is None else found + dt * (dt / 3.0 + self.dt / 2.0) * self.bend
 
     def nodal(self, form):
         """Return velocity, pressure, perhaps fluidity, and deviator at nodes, {name: (..., n)}."""
@@ -73,6 +96,8 @@ class State:
             nodes[f"velocity{kind}"] = velocity
             if fluidity is not None:
                 nodes[f"fluidity{kind}"] = fluidity
+        if self.bend is not None:
+            nodes["velocity_bend"] = self.bend
         elements = {"stress": self.stress}
         if self.earlier is not None:
             elements["earlier_stress"] = self.earlier
@@ -80,7 +105,8 @@ class State:
 
     def values(self, grid):
         """Return the numbers of a checkpoint. Collective."""
-        return {"time": self.time, "dt": self.dt, "period": _period(grid, self.x)}
+        return {"time": self.time, "dt": self.dt, "pace": self.pace,
+                "period": _period(grid, self.x)}
 
     @classmethod
     def of(cls, form, values, arrays):
@@ -94,9 +120,10 @@ class State:
         stress, earlier = (
             None if part is None else np.ascontiguousarray(part)
             for part in (arrays["elements"]["stress"], arrays["elements"].get("earlier_stress")))
-        dt = values.get("dt")
-        return cls(float(values["time"]), x, local, stress, None if dt is None else float(dt),
-                   earlier, rate)
+        dt, pace = (None if values.get(name) is None else float(values[name])
+                    for name in ("dt", "pace"))
+        return cls(float(values["time"]), x, local, stress, dt, earlier, rate,
+                   nodes.get("velocity_bend"), pace)
 
     def past(self, dt, moved):
         """Return f and S of `stress_rate` for a step ``dt``; ``moved`` is `TimeStep.moved`."""
@@ -267,6 +294,7 @@ def checkpoint_start(form):
             raise ValueError("its numbers are those of no run")
         like = rest(form)
         like.earlier = like.stress if "dt" in values else None
+        like.bend = like.x if "nodes/velocity_bend" in file else None
         return values, checkpoint.read_arrays(file, form.grid, like.arrays(form.grid))
 
     (values, arrays), _, damaged = checkpoint.newest(path, disk.do(run), accept, disk)
@@ -276,6 +304,35 @@ def checkpoint_start(form):
 def velocity(form, local, x):
     """Return the velocity (2, n_nodes) of material at nodes ``x``, base flow included, d gdot0."""
     return form.grid.split(local)[0] + form.case.base_gradient @ x
+
+
+class Departure(NamedTuple):
+    """How far a solution departs from what was expected, and from the reference flow v0.
+
+    Attributes
+    ----------
+    error : float
+        From the extrapolation of the last two states: the larger of max|v - v*|/max|v - v0| and
+        max|sigma' - sigma'*|/(mu_s P0), where v* and sigma'* are extrapolated.
+    perturbation : float
+        From the reference flow, over the size of the flow: max|v - v0|/max|v|.
+    exponent : float
+        By how much the logarithm of max|d(v - v0)/dt| grows in a step of this size, by the last two
+        steps; 0 where it falls, or before there were two. What stays as it is, as the response to
+        an imperfection, hides what grows from ``error``, but not from this.
+    """
+
+    error: float
+    perturbation: float
+    exponent: float
+
+    @property
+    def to_come(self):
+        """The departure that the next step would have at this size.
+
+        exp(r t) departs from the line through its last two values by (r dt)^2 of itself.
+        """
+        return max(self.error, self.exponent**2) if self.perturbation < FORMED else self.error
 
 
 class TimeStep:
@@ -298,9 +355,10 @@ class TimeStep:
 
     def __init__(self, form, state, dt, still=False):
         self.form, self.state, self.dt, self.still = form, state, dt, still or dt == 0.0
+        self._pace = None
         x, stress, end, factor = state.x, state.stress, state.time, 1.0
         if not self.still:
-            self._middle = velocity(form, state.local + 0.5 * dt * state.rate, state.x)
+            self._middle = state.mean_velocity(form, dt)
             if form.case.moving:
                 x = state.x + dt * self._middle
             self._angle = dt * form.spin(self._middle, 0.5 * (state.x + x))
@@ -331,25 +389,31 @@ class TimeStep:
         state = self.state
         if self.still:
             return State(state.time, state.x, local, stress)
+        rate, bend = (local - state.local) / self.dt, None
+        if state.dt is not None:
+            bend = self.form.grid.split(rate - state.rate)[0] / (self.dt + state.dt)
         return State(state.time + self.dt, self.mesh_at_end(local), local, stress, self.dt,
-                     self.moved(state.stress), (local - state.local) / self.dt)
+                     self.moved(state.stress), rate, bend, self._pace)
 
     def departure(self, local, stress, resolution):
-        """Return how far the solution departs from the extrapolation of the last two states.
+        """Return the `Departure` of the solution. Collective.
 
-        It is the larger of max|v - v*|/max|v - v0| and max|sigma' - sigma'*|/(mu_s P0), where v*
-        and sigma'* are extrapolated and v0 is the reference flow. So a growing perturbation counts
-        by its own size, once this exceeds ``resolution`` times max|v|. This size over that of the
-        flow, max|v - v0|/max|v|, is returned too. Collective.
+        A growing perturbation v - v0 counts by its own size, once this exceeds ``resolution`` times
+        max|v|.
         """
-        form, owned = self.form, self.form.grid.nodes.owned
+        form, owned, state = self.form, self.form.grid.nodes.owned, self.state
         x, comm = self.increment.x, form.grid.comm.tompi4py()
-        expected, expected_stress = self.state.extrapolated(self.dt)
+        expected, expected_stress = state.extrapolated(self.dt)
         now, then = (velocity(form, unknowns, x)[:, owned] for unknowns in (local, expected))
-        reference = (form.case.reference(x)[0] + form.case.base_gradient @ x)[:, owned]
-        off, size, apart, stress_off = (
+        apart, before = (
+            form.grid.split(unknowns)[0][:, owned] - form.case.reference(points)[0][:, owned]
+            for unknowns, points in ((local, x), (state.local, state.x)))
+        off, size, change, apart, stress_off = (
             comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX) for part in
-            (now - then, now, now - reference, stress - expected_stress))
-        scale = max(apart, resolution * size)
-        return (max(off / scale, stress_off / form.material.yield_stress),
-                apart / size if size else 0.0)
+            (now - then, now, apart - before, apart, stress - expected_stress))
+        scale, exponent = max(apart, resolution * size), 0.0
+        self._pace = change / self.dt if change > NOISE * scale else 0.0
+        if state.pace and self._pace > state.pace:
+            exponent = np.log(self._pace / state.pace) * 2.0 * self.dt / (self.dt + state.dt)
+        return Departure(max(off / scale, stress_off / form.material.yield_stress),
+                         apart / size if size else 0.0, exponent)
