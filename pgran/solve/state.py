@@ -4,8 +4,9 @@ A step predicts the mesh at its end to third order (Adams-Bashforth), turns the 
 with the material, and asks for the solution there with the stress rate of BDF2. After acceptance
 the mesh moves by the trapezoidal rule, and the new stress is kept. Where the flow grows as
 exp(r t), this rule adds (r dt)^3/12 in a step, and a prediction of second order would take
-5/12 (r dt)^4, which is more from r dt = 1/5 on. On a fixed mesh the flow carries and turns the stress instead. In
-pseudo-time nothing turns either, so that the steady state is that of rigid-viscous flow.
+5/12 (r dt)^4, which is more from r dt = 1/5 on. On a fixed mesh the flow carries and turns the
+stress instead. In pseudo-time nothing turns either, so that the steady state is that of
+rigid-viscous flow.
 """
 
 from typing import NamedTuple
