@@ -463,7 +463,7 @@ def test_slope_without_length_has_the_slowest_mode_of_theory(flow):
 
 def test_spectrum_about_a_specimen_is_that_of_its_linearised_step(tmp_path):
     path, mode = tmp_path / "specimen.h5", tmp_path / "mode.h5"
-    pgran(2, "direct.opts", path, *options(element_size=8, compression=0.02, snapshots="0.02"))
+    pgran(2, "direct.opts", path, *options(element_size=8, compression=0.005, snapshots="0.005"))
     about = "-pgran_restart", path, "-dt", 1e-4, "-eps_nev", 1
     one, two = (json.loads(eigen(n, *about, "-json").stdout) for n in (1, 2))
     assert one[0]["residual"] < 1e-4 and one[0]["computed"] > 1.0
