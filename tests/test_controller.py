@@ -73,3 +73,9 @@ def test_a_step_cut_to_land_is_followed_by_the_one_that_was_wanted():
 def test_rounding_does_not_hide_a_target():
     control = controller(targets=(0.3,))
     assert control.land(0.1 + 0.2 - 1e-16) == 0.3 and control.finished
+
+
+def test_a_step_that_was_cut_and_then_failed_is_not_tried_again():
+    control = StepController(0.1, 1.0, 1.5, 1e-9, [1.0])
+    assert control.start(0.0, 0.8) == pytest.approx(0.5)
+    assert control.next(0.03125, 0.03125, 0.1) == pytest.approx(0.9 * 0.03125)

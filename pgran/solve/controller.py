@@ -34,7 +34,7 @@ class StepController:
         self.unresolved, self.targets = unresolved, list(targets)
         #: The step that is wanted, before it is cut to land on a target.
         self.wanted = None
-        self._cut = False
+        self._cut = None  # the step that was cut to land on a target
 
     @property
     def finished(self):
@@ -69,7 +69,7 @@ class StepController:
         """Return the size of the step that follows an accepted one of size ``dt``."""
         wanted = dt * min(self.growth, SAFETY * math.sqrt(self.limit / max(departure, 1e-300)))
         wanted = max(wanted, min(self.unresolved, dt * self.growth))
-        if self._cut:
+        if self._cut is not None and dt >= self._cut * (1.0 - 1e-9):  # and did not fail
             wanted = max(wanted, self.wanted)
         self.wanted = min(wanted, self.largest)
         return self._aim(time)
@@ -80,5 +80,5 @@ class StepController:
             return self.wanted
         left = self.targets[0] - time
         dt = left if self.wanted >= left * (1.0 - 1e-9) else min(self.wanted, 0.5 * left)
-        self._cut = dt < self.wanted
+        self._cut = dt if dt < self.wanted else None
         return dt
