@@ -32,7 +32,7 @@ SPEEDUP = 0.7
 #: Bytes of an unknown: multigrid, and MUMPS with a million unknowns; and of a rank by itself.
 BYTES, DIRECT_BYTES, RANK = 2.3e3, 5.6e3, 115e6
 #: Newton iterations to 10 % compression, how they grow with it, and those of the local model.
-NEWTON, POWER, LOCAL_NEWTON = 320, 0.45, 260
+NEWTON, POWER, LOCAL_NEWTON = 240, 0.45, 260
 
 
 class Budget(NamedTuple):

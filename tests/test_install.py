@@ -65,8 +65,8 @@ def test_the_doctor_says_what_to_do(monkeypatch, capsys):
 
 #: Element size, options file, seconds on two ranks of two machines, and MB (docs/performance.md,
 #: docs/reproduction.md).
-RUNS = [(2, "biaxial", 7.5, 8.2, 254), (1, "biaxial", 23.2, 29.3, 369),
-        (0.5, "biaxial", 102.6, 102.6, 776), (0.25, "biaxial", 375, 375, 2351),
+RUNS = [(2, "biaxial", 5.6, 7.3, 251), (1, "biaxial", 21.3, 22.4, 370),
+        (0.5, "biaxial", 67.1, 67.1, 779), (0.25, "biaxial", 296.7, 296.7, 2370),
         (2, "li", 10, 10, 256), (1, "li", 79, 79, 407), (0.5, "li", 357, 357, 1064),
         (0.25, "li", 2413, 2413, 4082)]
 

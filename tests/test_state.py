@@ -36,7 +36,7 @@ def followed(dt, end, form=None):
         step = TimeStep(form, state, dt)
         local = np.array([GROWTH * step.increment.x[0, 0], v2])
         found.append(step.departure(local, stress, 1e-3))
-        state = step.end(local, stress)
+        state = step.end(local, stress, found[-1].pace)
     return state.x[0, 0], found
 
 
@@ -75,5 +75,4 @@ def test_growth_that_hides_behind_what_stands_still_sets_the_step():
 def test_neither_noise_nor_a_band_sets_the_step():
     _, found = followed(2e-3, 8e-3, form_of_one_node(response=1e9 / NOISE))
     assert [departure.exponent for departure in found] == [0.0] * len(found)
-    assert Departure(0.1, 2.0, 3.0).to_come == 0.1
-
+    assert Departure(0.1, 2.0, 1.0, 3.0).to_come == 0.1

@@ -406,7 +406,7 @@ class Driver:
                 ts.rollBack()
                 ts.setTimeStep(smaller)
                 return
-        end = step.end(local, stress)
+        end = step.end(local, stress, None if self.steady else departure.pace)
         if not self.steady:
             self._check_mesh(end)
             self._perturbation = departure.perturbation

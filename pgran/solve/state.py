@@ -55,8 +55,7 @@ class State:
         Second divided difference of the velocity over the last two steps; None before there were
         two.
     pace : float or None
-        Largest change of v - v0 over this step, divided by ``dt``, where v0 is the reference flow;
-        0 where it is `NOISE`.
+        That of the `Departure` of this step; None at the start.
     """
 
     def __init__(self, time, x, local, stress, dt=None, earlier=None, rate=None, bend=None,
@@ -317,14 +316,18 @@ class Departure(NamedTuple):
         max|sigma' - sigma'*|/(mu_s P0), where v* and sigma'* are extrapolated.
     perturbation : float
         From the reference flow, over the size of the flow: max|v - v0|/max|v|.
+    pace : float
+        Largest change of v - v0 over the step, over its size dt; 0 where it is `NOISE`.
     exponent : float
-        By how much the logarithm of max|d(v - v0)/dt| grows in a step of this size, by the last two
-        steps; 0 where it falls, or before there were two. What stays as it is, as the response to
-        an imperfection, hides what grows from ``error``, but not from this.
+        How much ln(pace) grows in a step of this size, by this step and the last one:
+        ln(pace/pace') 2 dt/(dt + dt'). Zero where it falls, or before there were two steps. An
+        imperfection has a response that stays as it is: this hides what grows from ``error``, but
+        not from ``exponent``.
     """
 
     error: float
     perturbation: float
+    pace: float
     exponent: float
 
     @property
@@ -356,7 +359,6 @@ class TimeStep:
 
     def __init__(self, form, state, dt, still=False):
         self.form, self.state, self.dt, self.still = form, state, dt, still or dt == 0.0
-        self._pace = None
         x, stress, end, factor = state.x, state.stress, state.time, 1.0
         if not self.still:
             self._middle = state.mean_velocity(form, dt)
@@ -385,8 +387,11 @@ class TimeStep:
                       + velocity(self.form, local, self.increment.x))
         return self.state.x + self.dt * mean
 
-    def end(self, local, stress):
-        """Return the `State` at the end of the step, with its solution and new stress."""
+    def end(self, local, stress, pace=None):
+        """Return the `State` at the end of the step, with its solution and new stress.
+
+        ``pace`` is that of its `departure`.
+        """
         state = self.state
         if self.still:
             return State(state.time, state.x, local, stress)
@@ -394,7 +399,7 @@ class TimeStep:
         if state.dt is not None:
             bend = self.form.grid.split(rate - state.rate)[0] / (self.dt + state.dt)
         return State(state.time + self.dt, self.mesh_at_end(local), local, stress, self.dt,
-                     self.moved(state.stress), rate, bend, self._pace)
+                     self.moved(state.stress), rate, bend, pace)
 
     def departure(self, local, stress, resolution):
         """Return the `Departure` of the solution. Collective.
@@ -413,8 +418,8 @@ class TimeStep:
             comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX) for part in
             (now - then, now, apart - before, apart, stress - expected_stress))
         scale, exponent = max(apart, resolution * size), 0.0
-        self._pace = change / self.dt if change > NOISE * scale else 0.0
-        if state.pace and self._pace > state.pace:
-            exponent = np.log(self._pace / state.pace) * 2.0 * self.dt / (self.dt + state.dt)
+        pace = change / self.dt if change > NOISE * scale else 0.0
+        if state.pace and pace > state.pace:
+            exponent = np.log(pace / state.pace) * 2.0 * self.dt / (self.dt + state.dt)
         return Departure(max(off / scale, stress_off / form.material.yield_stress),
-                         apart / size if size else 0.0, exponent)
+                         apart / size if size else 0.0, pace, exponent)
