@@ -214,3 +214,13 @@ def test_a_run_of_a_thousand_steps_keeps_its_memory_and_its_objects(tmp_path):
         alive.append(created - destroyed)
     assert alive[0] == alive[1], alive
     assert memory[1] - memory[0] < 10.0, memory
+
+
+def test_pseudo_time_takes_the_same_steps_on_any_number_of_ranks(tmp_path):
+    sizes = []
+    for ranks in (1, 3):
+        path = tmp_path / f"{ranks}.h5"
+        pgran(ranks, "planar_shear.opts", path, "-pgran_element_size", 2)
+        sizes.append(history(path)["step_size"])
+    assert len(sizes[0]) > 4
+    np.testing.assert_allclose(sizes[1], sizes[0], rtol=1e-6)

@@ -13,7 +13,7 @@ from ..space import coarse, galerkin, multigrid
 from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
 from .balance import Balance
-from .controller import StepController
+from .controller import LEAST_SHARE, StepController
 from .failure import described, name_of
 from .state import TimeStep, unmoved, velocity
 from .tolerances import Tolerances
@@ -134,6 +134,7 @@ class Driver:
         self._dt = self._step = self._committed = self._tried = self._rows = None
         self._last, self._creep = self._first_step, 1.0
         self._attempts, self._starting, self._failure = 0, False, None
+        self._decay, self._guess, self._guarded = 0.0, None, False
         self.at_rest, self._moving = False, bool(self._behind)  # a run that goes on has moved
         self._time = self._behind.get("ts_time", 0.0 if steady else state.time)
         self.balance = None if steady else self._balance()
@@ -281,7 +282,9 @@ class Driver:
         # but the TSPSEUDO of PETSc 3.26 starts each step's Newton method at the present one too.
         dt = ts.getTimeStep() if self._starting else time - ts.getTime()
         self._starting = False
-        return self.time_step(dt).increment
+        increment = self.time_step(dt).increment
+        increment.decay = self._decay
+        return increment
 
     def _ifunction(self, ts, time, u, rate, f):
         with PETSc.Log.Stage("Residual"):
@@ -290,9 +293,10 @@ class Driver:
             self._tried, local_rate = grid.to_local(u), grid.to_local(rate)
             rows = self.form.residual(self._tried, local_rate, self._increment(ts, time))
             if self.steady and self._dt == 0.0:
-                # TS asks for a norm between steps. Stress may grow in equilibrium, which no row
-                # tells: its elastic strain rate joins the first one.
-                rows[:1] = np.hypot(rows[:1], self._creep)
+                # TS needs a norm between steps. Stress may grow in equilibrium, where all rows
+                # vanish: the elastic strain rate joins the first row of all ranks.
+                if self.comm.rank == 0:
+                    rows[:1] = np.hypot(rows[:1], self._creep)
             self._rows = rows
             f.setArray(rows)
 
@@ -385,7 +389,10 @@ class Driver:
             if self.ts.getTimeStep() > (1.0 - 1e-9) * self._dt:
                 raise self._given_up(f"a step of {self._dt:.3g} fails, and PETSc's options repeat "
                                      "it without making it smaller")
-        self.grid.from_local(self.state.extrapolated(dt)[0], u)
+            self._decay = self.form.spurious_root(self._tried, self._step.increment)
+            self._guess, self._guarded = None, False
+        start = self.state.extrapolated(dt)[0] if self._guess is None else self._guess
+        self.grid.from_local(start, u)
         self._starting = True
         self._tolerances.begin(snes, self._perturbation)
 
@@ -395,24 +402,30 @@ class Driver:
             return
         state, local, step = self.state, self.grid.to_local(ts.getSolution()), self.time_step(dt)
         step.dt = dt  # as TS counts it, which differs by rounding
+        if self._decay:  # the equations themselves come next, from this solution
+            self._repeat(ts, dt, local)
+            return
+        excess = self.form.spurious_root(local, step.increment)
+        if excess:
+            self._avoid_spurious_root(ts, dt, local, excess)
+            return
         stress = self.form.stress(local, step.increment)
         if not self.steady:
             departure = step.departure(local, stress, self.parameters.step_perturbation)
             smaller = self.controller.smaller(dt, departure.error)
             if smaller is not None:
-                self.rejected += 1
                 self._failure = (f"the last step, of {dt:.3g}, departs {departure.error:.3g} from "
                                  "the extrapolation", "a larger @step_error")
-                ts.rollBack()
-                ts.setTimeStep(smaller)
+                self._repeat(ts, smaller)
                 return
         end = step.end(local, stress, None if self.steady else departure.pace)
         if not self.steady:
             self._check_mesh(end)
             self._perturbation = departure.perturbation
-        self._creep = np.abs(stress - state.stress).max(initial=0.0) / (
-            2.0 * self.form.material.G * dt)
+        creep = np.abs(stress - state.stress).max(initial=0.0) / (2.0 * self.form.material.G * dt)
+        self._creep = self.comm.allreduce(creep, MPI.MAX)
         self.state, self._failure = end, None
+        self._guess, self._guarded = None, False
         self._committed = local, (local - state.local) / dt, step.increment
         self._time, self._dt, self._last, self._attempts = ts.getTime(), None, dt, 0
         target = self.controller.land(self.state.time)
@@ -426,6 +439,32 @@ class Driver:
             if self.controller.finished:
                 ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
         self.observer(self, target is not None or self.at_rest, self._report(dt))
+
+    def _avoid_spurious_root(self, ts, dt, local, excess):
+        """Repeat a step that converged to mu = mu_s, where F = 0 although g differs from g_loc.
+
+        With F + eps g, eps = mu_loc(I) - mu_s, this root is absent, and g decreases until mu
+        exceeds mu_loc(I). From there Newton's method reaches mu_loc(I) when eps returns to zero.
+        A step that converges to mu = mu_s all the same is repeated smaller.
+        """
+        if not self._guarded:
+            self._repeat(ts, dt, local, excess)
+            return
+        self._failure = ("Newton's method converges to mu = mu_s, which is no solution of (2.5)",
+                         "a smaller @step_max")
+        self._repeat(ts, LEAST_SHARE * dt)
+
+    def _repeat(self, ts, dt, guess=None, decay=0.0):
+        """Repeat the step with a size, from a guess (n_local,) or the extrapolation for None."""
+        self.rejected += 1
+        self._guess, self._decay, self._guarded = guess, decay, guess is not None
+        if self.steady:  # TSPSEUDO cannot roll back, and may have taken the step for its last
+            self.grid.from_local(self.state.local, ts.getSolution())
+            ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_ITERATING)
+            self._time = ts.getTime()
+        else:
+            ts.rollBack()
+        ts.setTimeStep(dt)
 
     def _comes_to_rest(self, local):
         """Return whether the flow was faster than ``rest_speed`` and is no more. Collective."""

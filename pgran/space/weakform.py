@@ -107,6 +107,9 @@ class Increment:
         The map of the elements.
     load : ndarray, (2, n_nodes)
         Nodal forces of the tractions, stress times d.
+    decay : float
+        eps in F + eps g, which limits the cooperativity length to A d/sqrt(eps); zero in the
+        equations themselves.
     """
 
     x: np.ndarray
@@ -116,6 +119,7 @@ class Increment:
     prescribed_rate: np.ndarray
     geometry: object = field(repr=False)
     load: np.ndarray
+    decay: float = 0.0
 
 
 class WeakForm:
@@ -222,6 +226,18 @@ class WeakForm:
     def stress_ratio(self, local, increment):
         """Return mu = tau/P at the Gauss points, (points, n)."""
         return self._collect(local, increment, lambda p: p.response.stress_ratio)
+
+    def spurious_root(self, local, increment):
+        """Return the largest mu_loc(I) - mu_s of elements at a spurious root of F. Collective.
+
+        An element is at this root if all its Gauss points are, see `Model.spurious_root`. Without
+        such elements the result is zero. With ``increment.decay`` equal to it the root is absent.
+        """
+        if not self.grid.has_fluidity:
+            return 0.0
+        excess = self._collect(local, increment, lambda p: p.spurious_root())
+        worst = excess.min(axis=0)[self.grid.elements.owned]
+        return self.grid.comm.tompi4py().allreduce(float(worst.max(initial=0.0)), MPI.MAX)
 
     def spin(self, velocity, x):
         """Return the spin (d v2/d x1 - d v1/d x2)/2, (points, n), of a nodal velocity (2, n_nodes).
@@ -734,6 +750,10 @@ class BatchPoints:
         self._material, self._law = form.material, form.laws[number]
         self.response = form.material.model.response(
             self._law, form.material.inverse_time(self.P), self.gdot, self.P, fluidity, theta)
+        if increment.decay and fluidity is not None:
+            source = self.response.source
+            source.value = source.value + increment.decay * fluidity
+            source.fluidity = source.fluidity + increment.decay
 
     @property
     def nodal_x(self):
@@ -753,6 +773,11 @@ class BatchPoints:
     def deviator(self):
         """Return sigma' = 2 viscosity D~, (3, points, n): 11, 22, 12."""
         return 2.0 * self.response.viscosity.value * np.array([self.d11, self.d22, self.d12])
+
+    def spurious_root(self):
+        """Return `Model.spurious_root` at the points, (points, n)."""
+        return self._material.model.spurious_root(
+            self._law, self.response.stress_ratio, self.response.inertial_number)
 
     def stress_ratio_slopes(self):
         """Return mu = viscosity gdot~/P and its derivatives, a `Quantity` of arrays (points, n)."""

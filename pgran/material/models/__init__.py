@@ -128,6 +128,20 @@ class Model(ABC):
         """
         return 0.0
 
+    def spurious_root(self, law, mu, I):
+        """Return mu_loc(I) - mu_s where F vanishes because mu = mu_s, and zero elsewhere.
+
+        Uniform flow must have mu = mu_loc(I). The solver repeats a step that converged to another
+        root of F, see `pgran.solve.driver`. The default is zero: there is no other root.
+
+        Parameters
+        ----------
+        law : pgran.material.laws.Law
+        mu, I : ndarray, (points, n)
+            Stress ratio, and inertial number of the plastic rate.
+        """
+        return np.zeros_like(mu)
+
     @abstractmethod
     def response(self, law, s, gdot, P, g, theta):
         """Return the `Response` at points.

@@ -6,6 +6,11 @@ import numpy as np
 
 from . import AMPLITUDE, Model, Quantity, Response
 
+#: F vanishes because of mu = mu_s where |mu - mu_s| is below this share of mu_loc(I) - mu_s. At a
+#: spurious root a converged solution has 1e-6 or less; elements through which mu = mu_s passes
+#: exceed a hundredth unless they are much smaller than d.
+AT_YIELD = 0.01
+
 
 @dataclass(frozen=True)
 class NGF(Model):
@@ -80,6 +85,15 @@ class NGF(Model):
         It is 2 (A^2 d^2/xi^2)' (g - g_loc)', the part that does not vanish at mu_s.
         """
         return 2.0 * law.inverse_length_squared(mu)[1] * self.lag(law, s, mu, P, g).rate
+
+    def spurious_root(self, law, mu, I):
+        """Return mu_loc(I) - mu_s where F vanishes because mu = mu_s, and zero elsewhere.
+
+        There A^2 d^2/xi^2 = 0, so that F = 0 at any g. Equation (2.5) itself does not admit
+        mu = mu_s and g > 0 unless lap g differs from zero nearby.
+        """
+        excess = law.stress_ratio(I)[0] - law.yield_ratio
+        return np.where(np.abs(mu - law.yield_ratio) < AT_YIELD * excess, excess, 0.0)
 
     def lag(self, law, s, mu, P, g):
         """Return g - g_loc and its derivatives at points, as `source` returns F.

@@ -77,6 +77,10 @@ class NGFPrimitive(NGF):
         """Return zero: this F has no double root."""
         return 0.0
 
+    def spurious_root(self, law, mu, I):
+        """Return zeros: at mu_s this F is positive."""
+        return np.zeros_like(mu)
+
     def source(self, law, s, mu, P, g):
         """Return F and its derivatives at points, as `NGF.source`."""
         # The inverse length has a kink at mu_s and no slope there; K takes the one from above.

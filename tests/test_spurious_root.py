@@ -1,0 +1,129 @@
+"""F = (A^2 d^2/xi^2) (g - g_loc) also vanishes at mu = mu_s: the solver must not end there."""
+
+import numpy as np
+import pytest
+from conftest import ROOT, at_rest, discretised, noise, parameters, pgran as run_pgran
+
+import pgran
+from pgran.solve.driver import Driver
+from pgran.solve.state import State, reference
+from pgran.studies import here, launch
+
+CELL = {"case": "periodic", "cell_elements": 2, "end_time": 0.05}
+
+
+def stress_ratio(law, I0):
+    """mu_loc(I0) of the default parameters."""
+    return float(parameters(law=law).part("law").of(parameters(law=law)).stress_ratio(I0)[0])
+
+
+def deviations(result):
+    """Largest |mu/mu_loc(I0) - 1| and |I/I0 - 1| of each snapshot."""
+    I0 = result.options["inertial_number"]
+    mu = stress_ratio(result.options["law"], I0)
+    return [(np.abs(snapshot["stress_ratio"] - mu).max(),
+             np.abs(snapshot["inertial_number"] / I0 - 1.0).max())
+            for snapshot in result.snapshots]
+
+
+@pytest.mark.parametrize("law", ["bingham", "jop"])
+@pytest.mark.parametrize("I0, more", [
+    (1e-4, {"imperfection": 1 - 1e-8}),
+    (1e-3, {"step_error": 0.05}), (1e-3, {"step_error": 0.25}), (1e-3, {"step_first": 1e-3}),
+    (1e-3, {"snapshots": [0.01, 0.02, 0.03, 0.05]}),
+    (1e-2, {}), (0.1, {"step_error": 1.0})])
+def test_a_uniform_cell_reaches_the_local_stress_ratio_with_any_step_control(
+        tmp_path, law, I0, more):
+    result = pgran.run(tmp_path / "cell.h5", law=law, inertial_number=I0,
+                       **{**CELL, "imperfection": 1, **more})
+    assert deviations(result)
+    for mu, I in deviations(result):
+        assert mu < 1e-6 and I < 1e-3
+
+
+@pytest.mark.parametrize("I0", [3e-4, 1e-3, 3e-3, 1e-2])
+def test_a_specimen_without_imperfection_keeps_the_local_stress_ratio(tmp_path, I0):
+    result = pgran.run(tmp_path / "a.h5", inertial_number=I0, element_size=10, imperfection=1,
+                       compression=0.003, snapshots=[0.001, 0.002, 0.003])
+    for mu, I in deviations(result):
+        assert mu < 1e-6 and I < 1e-3
+    mu = stress_ratio("bingham", I0)
+    assert result.history["top_stress"][-1] == pytest.approx(-(1 + mu) / (1 - mu), abs=1e-5)
+
+
+def test_a_specimen_without_imperfection_is_compressed_with_multigrid(tmp_path):
+    """Newton's method used to cycle around the double root until no step converged."""
+    path = tmp_path / "a.h5"
+    run_pgran(0, "biaxial.opts", path, "-pgran_element_size", 5, "-pgran_imperfection", 1,
+              "-pgran_compression", 0.03, "-pgran_snapshots", 0.03)
+    result = pgran.open(path)
+    assert deviations(result)[-1][0] < 1e-6
+    assert len(result.history["time"]) < 60  # steps must not become tiny
+
+
+def uniform(form, mu, stress=None):
+    """Local unknowns of the reference flow with the fluidity that gives a stress ratio."""
+    grid, x = form.grid, form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    velocity, fluidity, _ = form.case.reference(x)
+    pressure = np.full(grid.corners.size, form.material.pressure)
+    return x, grid.join(velocity, fluidity * form.material.stress_ratio / mu, pressure)
+
+
+def test_the_root_at_the_yield_value_is_found_and_vanishes_with_a_limited_length():
+    form = discretised(element_size=20, imperfection=1)
+    mu_s, mu = form.material.law.mu_s, form.material.stress_ratio
+    for ratio, expected in ((mu, 0.0), (mu_s, mu - mu_s), (0.9 * mu_s, 0.0)):
+        x, local = uniform(form, ratio)
+        step = at_rest(form, x, 0.0)
+        step.prescribed[:] = np.nan
+        assert form.spurious_root(local, step) == pytest.approx(expected, rel=1e-2, abs=1e-12)
+    x, local = uniform(form, mu_s)
+    sizes = []
+    for decay in (0.0, mu - mu_s):
+        step = at_rest(form, x, 0.0)
+        step.decay = decay
+        rows = form.residual(local, np.zeros_like(local), step)
+        sizes.append(np.abs(form.fluidity_defect(rows, step)).max())
+    fluidity = form.grid.split(local)[1].max()
+    assert sizes == pytest.approx([0.0, (mu - mu_s) * fluidity], abs=1e-9)
+
+
+def test_no_other_model_has_the_root():
+    for model in ("ngf_primitive", "li"):
+        form = discretised(element_size=20, imperfection=1, model=model)
+        mu = form.material.stress_ratio
+        x, local = uniform(form, form.material.law.mu_s) if model != "li" else (
+            form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j), reference(form).local)
+        assert mu > 0.0 and form.spurious_root(local, at_rest(form, x, 0.0)) == 0.0
+
+
+def test_the_jacobian_with_a_limited_length_is_the_derivative_of_the_residual():
+    form = discretised(width=4, height=6, element_size=1, inertial_number=0.1)
+    grid = form.grid
+    x, local = uniform(form, 0.4)
+    local = local + 0.05 * noise(grid, 1)
+    step = at_rest(form, x, 0.2, 0.1)
+    step.decay = 0.3
+    change, matrix = noise(grid, 2), form.create_matrix()
+    form.jacobian(local, 0.0, step, matrix)
+    given, product = grid.create_vector(), grid.create_vector()
+    grid.from_local(change, given)
+    matrix.mult(given, product)
+    ends = [form.residual(local + h * change, 0.0 * local, step) for h in (1e-6, -1e-6)]
+    difference = (ends[0] - ends[1]) / 2e-6
+    assert np.linalg.norm(difference - product.array) < 1e-6 * np.linalg.norm(difference)
+
+
+def test_pseudo_time_leaves_the_root_at_the_yield_value():
+    """The start is the spurious steady flow itself: its residual vanishes."""
+    with here.database(launch.given(ROOT / "options" / "steady.opts", "-pgran_case", "periodic",
+                                    "-pgran_cell_elements", 2, "-pgran_imperfection", 1)):
+        form = discretised(case="periodic", cell_elements=2, imperfection=1)
+        law = form.material.law
+        start = reference(form)
+        _, local = uniform(form, law.mu_s)
+        stress = start.stress * law.mu_s / form.material.stress_ratio
+        driver = Driver(form, State(0.0, start.x, local, stress), lambda *_: None, steady=True)
+        driver.solve()
+        mu = form.stress_ratio(driver.state.local, driver._committed[2])
+        assert np.abs(mu - form.material.stress_ratio).max() < 1e-6
