@@ -1,112 +1,77 @@
-"""Perturbations whose wave vector turns with the flow (appendix A): numpy only.
+"""Perturbations whose wave vector turns with the flow (appendix A).
 
-Times are dimensionless, A^2 d^2 phi rho_s/eta0, as in (A 6), and wave vectors and growth rates are
-those of `pgran.theory.waves`.
+Times are dimensionless, A^2 d^2 phi rho_s/eta0, as in (A 6). Wave vectors and growth rates are those
+of `pgran.theory.waves`.
 """
 
 import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from . import waves
 
+#: Tolerances of the integration, relative and absolute.
+TOLERANCES = {"rtol": 1e-10, "atol": 1e-11}
+
 
 def turning_wave_vector(k, gradient, convection, time):
-    """Return k(t) (m, n) with dk/dt = -convection L0^T k, at dimensionless times (m,).
+    """Return k(t) = exp(-convection L0^T t) k, shape (m, n), at dimensionless times (m,).
 
-    Time in A^2 d^2 phi rho_s/eta0 as in (A 6), ``k`` (n,) at time 0, ``gradient`` L0/gdot0.
+    Parameters
+    ----------
+    k : ndarray, (n,)
+        Wave vector at time 0.
+    gradient : ndarray, (n, n)
+        L0/gdot0.
+    convection : float
+        A^2 phi I0^2/mu_loc.
+    time : ndarray, (m,)
     """
     generator = -convection * np.asarray(gradient, dtype=float).T
-    values, vectors = np.linalg.eig(generator.astype(complex))
-    if np.linalg.cond(vectors) < 1e8:
-        weights = np.linalg.solve(vectors, np.asarray(k, dtype=complex))
-        return ((np.exp(np.multiply.outer(time, values)) * weights) @ vectors.T).real
-    terms = [np.asarray(k, dtype=float)]  # defective (simple shear): nilpotent, the series ends
-    while np.abs(terms[-1]).max() > 0.0 and len(terms) <= 3:
-        terms.append(generator @ terms[-1] / len(terms))
-    if np.abs(terms[-1]).max() > 0.0:
-        raise ValueError(f"base flow {np.asarray(gradient).tolist()}: neither diagonalisable nor "
-                          "nilpotent; allowed is either")
-    return sum(np.multiply.outer(np.asarray(time)**n, term) for n, term in enumerate(terms))
+    return expm(np.multiply.outer(np.asarray(time, dtype=float), generator)) @ np.asarray(k, float)
 
 
-def amplitude(k, N, coefficients, gradient, convection, end, tolerance=1e-8):
-    """Return times (m,), wave vectors (m, n) and ln |v| (m,) of the fastest perturbation.
+def _follow(k, N, coefficients, gradient, convection, end):
+    """Integrate (A 4) for v = a u, |u| = 1: the solution of `solve_ivp` for (u, ln a).
 
-    Solves (A 4) along the turning wave vector: dv/dt = A(k(t)) v, v(0) the mode that
-    `waves.modes` puts first, |v(0)| = 1, to dimensionless time ``end``. The steps are halved
-    until the logarithm of the amplitude changes by less than ``tolerance`` of its range.
-    In the plane v = a n with n normal to k, so that d(ln a)/dt = n.A n is a quadrature.
+    Its events are the maxima of ln a.
     """
     k = np.asarray(k, dtype=float)
     _, vectors = waves.modes(k, N, coefficients, convection, gradient)
     start = vectors[0].real / np.linalg.norm(vectors[0].real)
-    solve = _quadrature if k.size == 2 else _gauss_legendre
-    before = None
-    for doubling in range(6, 18):
-        time, logarithm = solve(k, start, N, coefficients, gradient, convection, end, 2**doubling)
-        coarse = logarithm[::2**(doubling - 6)]
-        if before is not None and (np.abs(coarse - before).max()
-                                   < tolerance * max(1.0, np.abs(coarse).max())):
-            return time, turning_wave_vector(k, gradient, convection, time), logarithm
-        before = coarse
-    raise ValueError(f"end time {end}: the amplitude does not settle to {tolerance}")
+
+    def slope(time, state):
+        turned, u = turning_wave_vector(k, gradient, convection, time), state[:-1]
+        u = u - (turned @ u) / (turned @ turned) * turned  # against drift by rounding
+        u = u / np.linalg.norm(u)
+        A, _ = waves.tensor(turned, N, *coefficients.r_q(turned @ turned), convection, gradient)
+        change = A @ u
+        return np.append(change - (u @ change) * u, u @ change)
+
+    def crest(time, state):
+        return slope(time, state)[-1]
+
+    crest.direction = -1.0
+    found = solve_ivp(slope, (0.0, end), np.append(start, 0.0), method="LSODA", events=crest,
+                      **TOLERANCES)
+    if not found.success:
+        raise ValueError(f"end time {end}: the perturbation cannot be followed; {found.message}")
+    return found
 
 
-def _quadrature(k, v, N, coefficients, gradient, convection, end, steps):
-    """The logarithm of the amplitude of a plane perturbation, three Gauss points a step."""
-    nodes, weights = np.polynomial.legendre.leggauss(3)
-    time, h = np.linspace(0.0, end, steps + 1), end / steps
-    inner = (time[:-1, None] + h * (nodes + 1.0) / 2.0).ravel()
-    path = turning_wave_vector(k, gradient, convection, inner)
-    rate = waves.growth_rates(path, N, coefficients, convection, gradient)[:, 0].real
-    pieces = h / 2.0 * (rate.reshape(steps, 3) @ weights)
-    return time, np.concatenate([[0.0], np.cumsum(pieces)])
+def amplitude(k, N, coefficients, gradient, convection, end):
+    """Return times (m,), wave vectors (m, n) and ln |v| (m,) of the fastest perturbation.
 
-
-def _gauss_legendre(k, v, N, coefficients, gradient, convection, end, steps):
-    """The same in space, by Gauss-Legendre steps of order four."""
-    n, h = k.size, end / steps
-    shift = np.sqrt(3.0) / 6.0
-    weights = np.array([[0.25, 0.25 - shift], [0.25 + shift, 0.25]])
-    time = np.linspace(0.0, end, steps + 1)
-    inner = (time[:-1, None] + h * np.array([0.5 - shift, 0.5 + shift])).ravel()
-    path = turning_wave_vector(k, gradient, convection, inner)
-    A, _ = waves.tensor(path, N, *coefficients.r_q((path * path).sum(-1)), convection, gradient)
-    A = A.reshape(steps, 2, n, n)
-    system = np.eye(2 * n) - h * np.einsum("ab,saij->saibj", weights, A).reshape(
-        steps, 2 * n, 2 * n)
-    stages = np.linalg.solve(system, A.reshape(steps, 2 * n, n))
-    steppers = np.eye(n) + h / 2.0 * (stages[:, :n] + stages[:, n:])
-    logarithm = np.zeros(steps + 1)
-    for number, stepper in enumerate(steppers):  # a product of matrices has an order
-        v = stepper @ v
-        size = np.linalg.norm(v)
-        v, logarithm[number + 1] = v / size, logarithm[number] + np.log(size)
-    return time, logarithm
-
-
-def largest_amplification(k, N, coefficients, gradient, convection, end, tolerance=1e-8):
-    """Return the largest ln(|v|/|v(0)|) over the time of `amplitude`, and its dimensionless time.
-
-    In the plane the maximum lies where the growth rate along the turning wave vector
-    passes zero, which is bisected to relative 1e-12; in space on the grid of times.
+    Solves (A 4) along the turning wave vector, dv/dt = A(k(t)) v, to the dimensionless time
+    ``end``. v(0) is the mode that `waves.modes` gives first, with |v(0)| = 1.
     """
-    time, path, logarithm = amplitude(k, N, coefficients, gradient, convection, end, tolerance)
-    if path.shape[1] == 3:
-        best = int(np.argmax(logarithm))
-        return float(logarithm[best]), float(time[best])
+    found = _follow(k, N, coefficients, gradient, convection, end)
+    return found.t, turning_wave_vector(k, gradient, convection, found.t), found.y[-1]
 
-    def rate(t):
-        turned = turning_wave_vector(k, gradient, convection, np.array([t]))
-        return waves.growth_rates(turned, N, coefficients, convection, gradient)[0, 0].real
 
-    found = [(0.0, 0.0), (float(logarithm[-1]), float(end))]
-    rates = waves.growth_rates(path, N, coefficients, convection, gradient)[:, 0].real
-    for number in np.flatnonzero((rates[:-1] > 0.0) & (rates[1:] <= 0.0)):
-        low, high = time[number], time[number + 1]
-        for _ in range(40):
-            middle = (low + high) / 2.0
-            low, high = (middle, high) if rate(middle) > 0.0 else (low, middle)
-        rest = _quadrature(path[number], None, N, coefficients, gradient, convection,
-                           low - time[number], 16)[1][-1]
-        found.append((float(logarithm[number] + rest), float(low)))
-    return max(found)
+def largest_amplification(k, N, coefficients, gradient, convection, end):
+    """Return the largest ln(|v|/|v(0)|) up to the time ``end``, and its dimensionless time."""
+    found = _follow(k, N, coefficients, gradient, convection, end)
+    crests = zip(found.y_events[0][:, -1], found.t_events[0]) if found.t_events[0].size else ()
+    return max([(0.0, 0.0), (float(found.y[-1, -1]), float(end)),
+                *((float(size), float(time)) for size, time in crests)])
