@@ -1,7 +1,7 @@
 """Perturbations whose wave vector turns with the flow (appendix A).
 
-Times are dimensionless, A^2 d^2 phi rho_s/eta0, as in (A 6). Wave vectors and growth rates are those
-of `pgran.theory.waves`.
+Times are dimensionless, A^2 d^2 phi rho_s/eta0, as in (A 6). Wave vectors and growth rates are
+those of `pgran.theory.waves`.
 """
 
 import numpy as np
