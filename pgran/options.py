@@ -285,9 +285,6 @@ RUN = (
              "that rests nearly rigid", "theta = 1/(G T)", changeable=True),
     positive("grain_diameter", None, "m", "d in SI units, for the scales in the result file"),
     positive("grain_density", None, "kg/m^3", "rho_s in SI units, for the scales"),
-    Option("assembly", "str", "places", "", "how matrices are filled: where PETSc keeps the "
-           "values, or through the coordinates of all entries, for any -mat_type from PETSc 3.20 "
-           "on", choices=("places", "coordinates"), changeable=True),
     Option("progress", "str", "brief", "", "what the terminal shows: every step, some fifty lines "
            "a run, or only errors", choices=("steps", "brief", "quiet"), changeable=True),
 )

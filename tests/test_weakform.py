@@ -16,7 +16,7 @@ from pgran.material.models.ngf import NGF
 from pgran.options import positive
 from pgran.space.chord import chord
 from pgran.space.element import SHAPE
-from pgran.space.matrix import CoordinateMatrix, stored_values
+from pgran.space.matrix import stored_values
 from pgran.space.weakform import WeakForm
 
 COMM = MPI.COMM_WORLD
@@ -156,23 +156,18 @@ def test_matrices_belong_to_the_caller():
     assert second.norm() == pytest.approx(norm, rel=1e-14)
 
 
-WAYS = ["places", *(["coordinates"] if CoordinateMatrix.possible else [])]
-
-
-@pytest.mark.parametrize("assembly", WAYS)
-@pytest.mark.parametrize("kind", ["aij", "nest"])
+@pytest.mark.parametrize("kind", ["nest", "blocked"])
 @pytest.mark.parametrize("case, more", [
     *((case, {}) for case in SHAPES), ("periodic", {"cell_elements": 2 * max(1, COMM.size - 1)})],
     ids=[*SHAPES, "two elements around"])
-def test_matrices_of_blocks_or_coordinates_are_the_same(case, more, kind, assembly):
-    asked = {"case": case, **SHAPES[case], **more}
-    form, other = discretised(**asked), discretised(**asked, assembly=assembly)
+def test_matrices_of_blocks_are_the_same(case, more, kind):
+    form = discretised(case=case, **{**SHAPES[case], **more})
     grid, (x, local) = form.grid, state(form, "flowing")
     products = []
-    for this, how in (form, "aij"), (other, kind):
-        matrix, given, product = this.create_matrix(how), grid.create_vector(), grid.create_vector()
+    for how in "aij", kind:
+        matrix, given, product = form.create_matrix(how), grid.create_vector(), grid.create_vector()
         for _ in range(2):  # filled twice, it is not twice as large
-            this.jacobian(local, 3.0, at_rest(this, x, 0.2, 0.1), matrix)
+            form.jacobian(local, 3.0, at_rest(form, x, 0.2, 0.1), matrix)
         grid.from_local(noise(grid, 5), given)
         matrix.mult(given, product)
         products.append(product.array.copy())

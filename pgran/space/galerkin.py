@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from . import multigrid
 from .element import NODES
-from .matrix import BatchSum, stored_values
+from .matrix import ScatterAdd, stored_values
 
 #: Coarse elements whose entries are summed at a time.
 BATCH = 512
@@ -24,7 +24,7 @@ BATCH = 512
 class GalerkinMatrix:
     """The operator of a `NodeLevel` as a sum of matrices of elements that it joins. Collective.
 
-    It has the methods of a `pgran.space.matrix.ElementMatrix` that `pgran.space.matrix.fill` calls;
+    It has the methods of a `pgran.space.matrix.InPlaceMatrix` that `pgran.space.matrix.fill` calls;
     its entries are those of the unknowns at nodes, which come first.
 
     Parameters
@@ -99,7 +99,7 @@ class GalerkinMatrix:
                 np.repeat(number.T, m, axis=0).ravel().astype(PETSc.IntType),
                 np.zeros(m * m * n), addv=True, rowmap=number.T.ravel().astype(PETSc.IntType))
         matrix.assemble()
-        self._find_places(matrix)
+        self._find_positions(matrix)
         return matrix
 
     def _most(self):
@@ -147,7 +147,7 @@ class GalerkinMatrix:
         PETSc.Scatter().create(flags, wanted, found, None).scatter(flags, found)
         return found.getArray()[place].reshape(NODES * self._dof, -1) > 0.5
 
-    def _find_places(self, matrix):
+    def _find_positions(self, matrix):
         """Find where each entry of the coarse element matrices goes in the arrays of a matrix."""
         size = self._level.held.size
         start, stop = matrix.getOwnershipRange()
@@ -172,10 +172,10 @@ class GalerkinMatrix:
             where, inside = np.full(row.size, last), np.flatnonzero(free & mine)
             where[inside] = place[np.searchsorted(
                 key, (row[inside] - start) * width + col[inside])]
-            sums = [(0, BatchSum(slice(None), where, lengths[0], known))]
+            sums = [(0, ScatterAdd(slice(None), where, lengths[0], known))]
             beyond = np.flatnonzero((where >= lengths[0]) & (where < last))
             if beyond.size:
-                sums.append((1, BatchSum(beyond, where[beyond] - lengths[0], lengths[1], known)))
+                sums.append((1, ScatterAdd(beyond, where[beyond] - lengths[0], lengths[1], known)))
             far = np.flatnonzero(free & ~mine)
             far = far[np.argsort(row[far], kind="stable")]
             rows, first = np.unique(row[far], return_index=True)

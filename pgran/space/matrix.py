@@ -1,18 +1,13 @@
 """Parallel sparse matrices that are sums of element matrices.
 
-`PlacedMatrix` fills them in place. The place of every entry has a closed form on the
-structured grid, so nothing is searched while a matrix is filled: the entries of a batch
-of elements are summed by `numpy.bincount` straight into the arrays in which PETSc keeps
-the values. petsc4py gives no access to those; `stored_values` is the one place that asks
-PETSc itself.
-
-`CoordinateMatrix` gives PETSc the coordinates of all entries once, and then their values.
-PETSc sums them, for any type of matrix, also on a GPU. It needs petsc4py 3.20 or later.
+`InPlaceMatrix` fills them in place. The position of every entry has a closed form on the
+structured grid, so that filling needs no search: `numpy.bincount` sums the entries of a batch of
+elements directly into the arrays in which PETSc keeps the values. petsc4py gives no access to
+these arrays; `stored_values` is the one place that calls PETSc's library itself.
 """
 
 import ctypes
 import hashlib
-from abc import ABC, abstractmethod
 from contextlib import ExitStack, contextmanager
 from typing import NamedTuple
 
@@ -42,7 +37,7 @@ class Block(NamedTuple):
     column: Field
 
 
-class BatchSum:
+class ScatterAdd:
     """Adds some of the numbers of a batch to an array, each at its place.
 
     Parameters
@@ -62,12 +57,12 @@ class BatchSum:
         inside = places < length
         low, high = (places[inside].min(), places[inside].max() + 1) if inside.any() else (0, 0)
         self._chosen, self._target = chosen, slice(low, high)
-        self._places = _kept(np.where(inside, places - low, high - low), known)
+        self._positions = _kept(np.where(inside, places - low, high - low), known)
 
     def add(self, numbers, array):
         """Add the ``numbers`` (m,) of the batch to ``array``."""
         length = self._target.stop - self._target.start
-        sums = np.bincount(self._places, numbers[self._chosen], minlength=length + 1)
+        sums = np.bincount(self._positions, numbers[self._chosen], minlength=length + 1)
         array[self._target] += sums[:length]
 
 
@@ -77,7 +72,7 @@ def _kept(places, known):
     return known.setdefault(hashlib.blake2b(places).digest(), places)
 
 
-class Part(NamedTuple):
+class DofLayout(NamedTuple):
     """Rows or columns of a matrix: ``dof`` unknowns of each point of a lattice."""
 
     lattice: object
@@ -89,13 +84,16 @@ class Part(NamedTuple):
         return (self.lattice.owned[:, None] * self.dof + np.arange(self.dof)).ravel()
 
 
-class ElementMatrix(ABC):
-    """A matrix that is a sum of element matrices: where their entries go. Making it is collective.
+class InPlaceMatrix:
+    """An AIJ or BAIJ matrix whose element matrices are summed where PETSc keeps the values.
+
+    Making it is collective. BAIJ, with ``blocked``, keeps the unknowns of a point as blocks. Its
+    rows and columns are those of one lattice, and all unknowns of a point couple.
 
     Parameters
     ----------
     grid : pgran.space.grid.Grid
-    rows, columns : list of Part
+    rows, columns : list of DofLayout
         Local numbers count through them.
     numbers : (ndarray, ndarray)
         Global numbers of the local rows and of the local columns.
@@ -108,6 +106,8 @@ class ElementMatrix(ABC):
         The elements, batch by batch.
     first : int
         The first of these blocks' entries among all entries of an element.
+    blocked : bool
+        Whether the matrix is BAIJ.
 
     Attributes
     ----------
@@ -115,14 +115,21 @@ class ElementMatrix(ABC):
         How many entries of an element go into this matrix.
     """
 
-    def __init__(self, grid, rows, columns, numbers, held, groups, batches, first=0):
+    def __init__(self, grid, rows, columns, numbers, held, groups, batches, first=0,
+                 blocked=False):
         self._grid, self._rows, self._columns = grid, rows, columns
         self._numbers, self._held, self._batches = numbers, held, batches
-        self._groups, self._first = groups, first
+        self._groups, self._first, self._blocked = groups, first, blocked
         self._starts = [np.cumsum([0] + [part.lattice.size * part.dof for part in parts])
                         for parts in (rows, columns)]
         self.entries = sum(len(block.row.points) * len(block.column.points)
                            for group in groups for block in group)
+        sparsity = self._sparsity()
+        self._made = self._pattern(sparsity)
+        with stored_values(self._made) as arrays:
+            lengths = [array.size for array in arrays]
+        self._lay_out(sparsity, _positions(self._made, sparsity, self._numbers[1]), lengths)
+        self._made.zeroEntries()
 
     def _local(self, side, field):
         """The local rows (``side`` 0) or columns (1) of a `Field`, (m, n)."""
@@ -138,32 +145,6 @@ class ElementMatrix(ABC):
     def _square(self):
         return self._rows is self._columns
 
-    @abstractmethod
-    def create(self):
-        """Return a new matrix of zeros, which belongs to the caller. Collective."""
-
-    @abstractmethod
-    def filling(self, matrix):
-        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
-
-
-class PlacedMatrix(ElementMatrix):
-    """An AIJ or BAIJ matrix whose values are summed where PETSc keeps them.
-
-    BAIJ, with ``blocked``, keeps the unknowns of a point as blocks. Its rows and columns are those
-    of one lattice, and all unknowns of a point couple.
-    """
-
-    def __init__(self, *arguments, blocked=False, **more):
-        super().__init__(*arguments, **more)
-        self._blocked = blocked
-        sparsity = self._sparsity()
-        self._made = self._pattern(sparsity)
-        with stored_values(self._made) as arrays:
-            lengths = [array.size for array in arrays]
-        self._lay_out(sparsity, _places(self._made, sparsity, self._numbers[1]), lengths)
-        self._made.zeroEntries()
-
     def _sparsity(self):
         return Sparsity(self._grid, self._rows, self._columns)
 
@@ -177,17 +158,17 @@ class PlacedMatrix(ElementMatrix):
                 for block in group:
                     row, column = (field._replace(points=field.points[:, batch])
                                    for field in block)
-                    place = where[sparsity.places(Block(row, column))]
+                    place = where[sparsity.positions(Block(row, column))]
                     row, column = (held[self._local(side, field)] for side, (held, field)
                                    in enumerate(zip(self._held, (row, column))))
                     place[row[:, None] | column] = sum(lengths)
                     places.append(place.ravel())
                 places = np.concatenate(places)
-                sums.append((0, BatchSum(slice(begin, begin + places.size), places, lengths[0],
+                sums.append((0, ScatterAdd(slice(begin, begin + places.size), places, lengths[0],
                                          known)))
                 far = np.flatnonzero((places >= lengths[0]) & (places < sum(lengths)))
                 if far.size:
-                    sums.append((1, BatchSum(begin + far, places[far] - lengths[0], lengths[1],
+                    sums.append((1, ScatterAdd(begin + far, places[far] - lengths[0], lengths[1],
                                              known)))
                 begin += places.size
             self._sums.append(sums)
@@ -195,7 +176,7 @@ class PlacedMatrix(ElementMatrix):
         for number, (lattice, dof) in enumerate(self._rows if self._square else ()):
             for unknown in range(dof):
                 field = Field(number, unknown, lattice.owned[None])
-                place = sparsity.places(Block(field, field))[0, 0]
+                place = sparsity.positions(Block(field, field))[0, 0]
                 ones.append(where[place][self._held[0][self._local(0, field)[0]]])
         self._ones = np.concatenate(ones)
 
@@ -254,63 +235,12 @@ class PlacedMatrix(ElementMatrix):
         matrix.assemble()
 
 
-class CoordinateMatrix(ElementMatrix):
-    """A matrix of any type of ``-mat_type``, whose entries PETSc sums by their coordinates."""
-
-    #: Whether petsc4py can do this.
-    possible = hasattr(PETSc.Mat, "setPreallocationCOO")
-
-    def create(self):
-        """Return a new matrix of zeros, which belongs to the caller. Collective."""
-        matrix = PETSc.Mat().create(comm=self._grid.comm)
-        matrix.setSizes([(self._owned(side).size, None) for side in range(2)])
-        matrix.setType(PETSc.Mat.Type.AIJ)
-        matrix.setFromOptions()
-        matrix.setPreallocationCOO(*self._coordinates())
-        matrix.zeroEntries()
-        return matrix
-
-    def _coordinates(self):
-        """Global rows and columns of all entries, (n,) each; negative for what is left out."""
-        known = [np.where(held, -1, numbers) for numbers, held in zip(self._numbers, self._held)]
-        others = np.ones(known[0].size, dtype=bool)
-        others[self._owned(0)] = False
-        known[0][others] = -1  # another rank adds to these rows
-        found = [], []
-        for batch in self._batches:
-            for block in (block for group in self._groups for block in group):
-                row, column = (
-                    numbers[self._local(side, field._replace(points=field.points[:, batch]))]
-                    for side, (numbers, field) in enumerate(zip(known, block)))
-                for side, numbers in zip(found, np.broadcast_arrays(row[:, None], column)):
-                    side.append(numbers.ravel().astype(PETSc.IntType))
-        ones = self._numbers[0][self._ones()].astype(PETSc.IntType)
-        return [np.concatenate([*side, ones]) for side in found]
-
-    def _ones(self):
-        """The owned rows that are those of the identity, local numbers (n,)."""
-        owned = self._owned(0)
-        return owned[self._held[0][owned]] if self._square else owned[:0]
-
-    @contextmanager
-    def filling(self, matrix):
-        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
-        values = []
-
-        def add(number, out):
-            values.append(out[self._first:self._first + self.entries].ravel())
-
-        yield add
-        matrix.setValuesCOO(np.concatenate([*values, np.ones(self._ones().size)]))
-        matrix.assemble()
-
-
 def fill(parts, batches, evaluate):
     """Fill matrices from the same element matrices. Collective.
 
     Parameters
     ----------
-    parts : list of (ElementMatrix, PETSc.Mat)
+    parts : list of (InPlaceMatrix, PETSc.Mat)
     batches : list of slice
         The elements, batch by batch.
     evaluate : callable
@@ -336,7 +266,7 @@ class Sparsity:
     Parameters
     ----------
     grid : pgran.space.grid.Grid
-    rows, columns : list of Part
+    rows, columns : list of DofLayout
         Local column numbers count through ``columns``, row numbers through the owned points of
         ``rows``.
 
@@ -399,7 +329,7 @@ class Sparsity:
             offset += target.size * dof
         return np.hstack(numbers), np.hstack(used)
 
-    def places(self, block):
+    def positions(self, block):
         """Return where the entries of a `Block` stand among the values, (n_a, n_b, n).
 
         Rows that another rank owns give ``size``.
@@ -440,7 +370,7 @@ def _span(reach, target):
     return start, count
 
 
-def _places(matrix, sparsity, numbers):
+def _positions(matrix, sparsity, numbers):
     """Where PETSc keeps each entry of a matrix whose entries hold their own numbers.
 
     (size + 1,): counted through `stored_values`, and their total length for what has no place.

@@ -27,7 +27,7 @@ from . import element
 from .chord import chord
 from .element import DIM, NODES, POINTS
 from .grid import Grid
-from .matrix import BatchSum, Block, CoordinateMatrix, Field, Part, PlacedMatrix, fill
+from .matrix import Block, DofLayout, Field, InPlaceMatrix, ScatterAdd, fill
 
 BATCH = 512
 #: A nodal pressure below this share of the mean pressure of the elements around vanishes: what is
@@ -52,9 +52,6 @@ def discretise(parameters, comm):
     if model.needs_length and law.inverse_length_squared is None:
         raise ParameterError("model", parameters.model, f"@law {parameters.law} has no "
                              "cooperativity length; allowed is a local model such as li")
-    if parameters.assembly == "coordinates" and not CoordinateMatrix.possible:
-        raise ParameterError("assembly", parameters.assembly, "petsc4py can do it from 3.20 on; "
-                             "allowed here is places")
     case = cases.create(parameters)
     _check_size(parameters, case, comm)
     grid = Grid(comm, case.shape, case.periodic, fluidity=case.material.model.has_fluidity)
@@ -493,14 +490,9 @@ class WeakForm:
             rows, size = grid.element_unknowns[:, batch], batch.stop - batch.start
             flow = size * NODES * grid.dof
             parts = slice(0, flow), slice(flow, None)
-            self._force_sums.append([BatchSum(part, rows.ravel()[part], grid.n_local, known)
+            self._force_sums.append([ScatterAdd(part, rows.ravel()[part], grid.n_local, known)
                                      for part in parts])
         self._mass = None
-
-    @property
-    def _matrix_class(self):
-        return {"places": PlacedMatrix, "coordinates": CoordinateMatrix}[
-            self.case.parameters.assembly]
 
     def _element_matrices(self, kind):
         """The element matrices of the Jacobian, [[...], ...]: one for all, or one for each block.
@@ -520,36 +512,34 @@ class WeakForm:
 
     def _whole(self):
         grid, (flow, right, below) = self.grid, self._couplings
-        parts = [Part(grid.nodes, grid.dof), Part(grid.corners, 1)]
+        parts = [DofLayout(grid.nodes, grid.dof), DofLayout(grid.corners, 1)]
         groups = [[Block(*(self._field(name, 1) for name in pair)) for pair in pairs]
                   for pairs in (flow + right, below)]
-        return [[self._matrix_class(
+        return [[InPlaceMatrix(
             grid, parts, parts, (grid.global_number, grid.global_number), (self.held, self.held),
             groups, self.batches)]]
 
     def _blocks(self, blocked):
         grid, (flow, right, below) = self.grid, self._couplings
-        parts = [Part(grid.nodes, grid.dof)], [Part(grid.corners, 1)]
+        parts = [DofLayout(grid.nodes, grid.dof)], [DofLayout(grid.corners, 1)]
         numbers = [lattice.dm.getLGMap().indices for lattice in (grid.nodes, grid.corners)]
         held, first, found = np.split(self.held, [grid.n_flow]), 0, {}
         for row, column, pairs in (0, 0, flow), (0, 1, right), (1, 0, below), (1, 1, []):
             group = [Block(*(self._field(name, 0) for name in pair)) for pair in pairs]
             more = {"blocked": True} if blocked and row == column == 0 else {}
-            found[row, column] = self._matrix_class(
+            found[row, column] = InPlaceMatrix(
                 grid, parts[row], parts[column], (numbers[row], numbers[column]),
                 (held[row], held[column]), [group] if group else [], self.batches, first, **more)
             first += found[row, column].entries
         return [[found[row, column] for column in range(2)] for row in range(2)]
 
     def create_matrix(self, kind="aij"):
-        """Return an empty parallel matrix with the places of the Jacobian. Collective.
+        """Return an empty parallel matrix with the sparsity of the Jacobian. Collective.
 
         ``kind`` is aij for one matrix. With nest it has blocks, for the unknowns at nodes and for
         the pressures, and PCFIELDSPLIT takes the blocks as they are. With blocked the first of them
         is BAIJ, which multiplies twice as fast, but has no products with other matrices.
         """
-        if kind == "blocked" and self._matrix_class is not PlacedMatrix:
-            kind = "nest"  # its matrices take their type from an option
         matrices = [[part.create() for part in row] for row in self._element_matrices(kind)]
         if kind == "aij":
             return matrices[0][0]
@@ -562,9 +552,9 @@ class WeakForm:
         """Return an empty matrix for `pressure_mass`. Collective."""
         grid = self.grid
         if self._mass is None:
-            corners, pressure = [Part(grid.corners, 1)], Field(0, 0, grid.element_corners)
+            corners, pressure = [DofLayout(grid.corners, 1)], Field(0, 0, grid.element_corners)
             held, numbers = self.held[grid.n_flow:], grid.corners.dm.getLGMap().indices
-            self._mass = self._matrix_class(
+            self._mass = InPlaceMatrix(
                 grid, corners, corners, (numbers, numbers), (held, held),
                 [[Block(pressure, pressure)]], self.batches)
         return self._mass.create()
