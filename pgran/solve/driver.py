@@ -414,6 +414,7 @@ class Driver:
             2.0 * self.form.material.G * dt)
         self.state, self._failure = end, None
         self._committed = local, (local - state.local) / dt, step.increment
+        self._courant_number = step.courant_number
         self._time, self._dt, self._last, self._attempts = ts.getTime(), None, dt, 0
         target = self.controller.land(self.state.time)
         if target is not None:
@@ -464,6 +465,7 @@ class Driver:
         report = {
             "time": self.state.time,
             "step_size": dt,
+            "courant_number": self._courant_number,
             "newton_iterations": snes.getIterationNumber(),
             "linear_iterations": snes.getLinearSolveIterations(),
             "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),

@@ -237,27 +237,6 @@ class WeakForm:
         geometry = element.Geometry(x[:, nodes])
         return np.array([geometry.gradient(part[nodes]) for part in values])
 
-    def carried(self, stress, velocity, dt, x):
-        """Return a stress deviator (3, points, n) that a flow has carried for a time. Collective.
-
-        ``velocity`` (2, n_nodes) in d gdot0, ``dt`` in 1/gdot0, nodes ``x`` (2, n_nodes) in d. The
-        change is that of the continuous field s through the nodal means,
-        -dt v.grad s + (dt^2/2) v.grad(v.grad s).
-        """
-        nodes = self.grid.element_nodes
-        geometry = element.Geometry(x[:, nodes])
-        speed = [element.SHAPE @ part[nodes] for part in velocity]
-
-        def along(values):
-            nodal = np.concatenate([self.grid.with_ghosts(np.array(
-                [self.at_nodes(part) for part in values[k:k + DIM]]))
-                for k in range(0, len(values), DIM)])
-            return np.array([sum(v * slope for v, slope in zip(
-                speed, geometry.gradient(part[nodes]))) for part in nodal])
-
-        first = along(stress)
-        return stress - dt * first + 0.5 * dt**2 * along(first)
-
     def at_nodes(self, values):
         """Return nodal values (n_nodes,) of a field at the Gauss points, (points, n).
 
