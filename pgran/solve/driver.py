@@ -58,16 +58,16 @@ class Flow:
         return float(self._comm.allreduce((x[0] * force[1] - x[1] * force[0]).sum()))
 
     def mean_velocity(self, side=None):
-        """Return the mean velocity (2,) of the nodes of a side, or of all, d gdot0. Collective.
+        """Return the mean velocity (2,) along a side, or over the volume, d gdot0. Collective.
 
-        The mean over all is that over the volume.
+        The base flow is included.
         """
-        grid, (velocity, _, _) = self.form.grid, self.form.grid.split(self._local)
+        form, x = self.form, self._x
+        nodal = velocity(form, self._local, x)
         if side:
-            nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
-            sums = np.array([*velocity[:, nodes].sum(axis=1), nodes.size])
+            sums = form.side_integrals(nodal, x, side)
         else:
-            sums = self.form.integrals(velocity, Geometry(self._x[:, grid.element_nodes]))
+            sums = form.integrals(nodal, Geometry(x[:, form.grid.element_nodes]))
         sums = self._comm.allreduce(sums)
         return sums[:DIM] / sums[DIM]
 
