@@ -172,6 +172,41 @@ def test_a_field_that_is_not_a_number_is_written_but_told_with_its_place(tmp_pat
 
 # Profiles against closed forms
 
+@pytest.mark.parametrize("function, low, high, exact", [
+    (lambda x: np.expm1(x - 2.0), -30.0, 9.0, 2.0),
+    (lambda x: np.log(1e-3 + x) - np.log(0.25), 0.0, 1e3, 0.249),
+    (lambda x: 0.3 - 7.0 / x**2, 1.0, 1e4, np.sqrt(7.0 / 0.3)),
+    (lambda x: -np.arctan(x), -5.0, 8.0, 0.0)])
+def test_a_root_is_found_to_rounding_in_few_evaluations(function, low, high, exact):
+    places = []
+
+    def counted(x):
+        places.append(x)
+        return function(x)
+
+    assert profiles.root(counted, low, high) == pytest.approx(exact, rel=2e-15, abs=1e-15)
+    assert len(places) < 30
+
+
+def test_the_profile_of_a_plate_takes_few_flows(monkeypatch):
+    """A profile of NGF is a linear problem for each shear stress that is tried."""
+    tried, speed = [], profiles.Rheology.speed
+    monkeypatch.setattr(profiles.Rheology, "speed",
+                        lambda self, flow: tried.append(flow) or speed(self, flow))
+    case = created(case="planar_shear", model="ngf", height=10, gravity=0.05)
+    # The profile and the speed of its wall come from polynomials of different order.
+    assert case.profile().velocity(10.0) == pytest.approx(10.0, rel=1e-11)
+    assert len(tried) < 30
+
+
+def test_the_slowest_mode_of_a_slope_is_a_zero_of_a_bessel_function():
+    law = created(case="inclined_plane", law="jop", slope=24).law
+    angle = np.radians(24.0)
+    slope = law.stress_ratio(law.inertial_number(np.asarray(np.tan(angle)))[0])[1]
+    zero = float(mpmath.findroot(lambda x: mpmath.besselj(-mpmath.mpf(1) / 3, x), 1.9))
+    expected = -(0.75 * zero)**2 / 4.0**1.5 * slope * np.sqrt(np.cos(angle)) / 0.6
+    assert profiles.slope_rate(law, 1.0, 0.6, 4.0, 24.0) == pytest.approx(expected, rel=1e-13)
+
 def test_slope_without_length_has_the_profile_of_bagnold():
     case = created(case="inclined_plane", model="li", law="jop", slope=24, height=12)
     I = case.law.inertial_number(np.tan(np.radians(24.0)))[0]
