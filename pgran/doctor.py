@@ -111,6 +111,10 @@ def examined():
                       + (", ".join(both["mpi"]) or "none"), "rebuild mpi4py and h5py with the MPI "
                       "of PETSc: MPICC=mpicc pip install --no-binary :all: mpi4py")
     yield _launcher()
+    scipy = facts("import scipy; facts = dict(version=scipy.__version__)")
+    yield Finding(not isinstance(scipy, str), f"scipy: {scipy}" if isinstance(scipy, str) else
+                  f"scipy {scipy['version']}", "install scipy, with Debian's petsc4py by pip "
+                  "install scipy 'numpy<2'")
     for name, use in (("matplotlib", "pictures"), ("pyvista", "3D grids and windows")):
         found = facts(f"import {name}; facts = dict(version={name}.__version__)")
         yield Finding(True, f"{name}: not there; {use} need it (pip install 'pgran[plot]')"

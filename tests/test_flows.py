@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 from conftest import discretised, newton, noise, parameters, pgran, refused, run_ranks
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from pgran import cases
 from pgran.options import ParameterError
 from pgran.output.reading import stored_parameters
 from pgran.output.results import write_once
+from pgran.solve.driver import Flow
 from pgran.space import element
+from pgran.space.grid import Grid
+from pgran.space.weakform import WeakForm
 from pgran.theory import profiles
 
 COMM = MPI.COMM_WORLD
@@ -72,6 +76,73 @@ def test_jacobian_with_walls_and_convection_is_the_derivative_of_the_residual(ca
     np.testing.assert_allclose(product.array_r, difference, atol=1e-6 * scale)
 
 
+class Streaming(cases.Case):
+    """A piece of a fixed mesh in a base flow."""
+
+    moving, shape, base_gradient = False, (3, 2), np.array([[0.3, 0.2], [0.1, -0.3]])
+
+    def coordinates(self, i, j):
+        return np.array([0.5 * i + 0.02 * j, 0.4 * j + 0.03 * i])
+
+
+class WithoutBase(Streaming):
+    """The same piece, whose nodal velocity is the whole one."""
+
+    base_gradient = np.zeros((2, 2))
+
+
+def test_convection_on_a_fixed_mesh_includes_the_base_flow():
+    given = parameters(inertia=True, inertial_number=0.3, width=3, height=2, element_size=1)
+    grid = Grid(PETSc.COMM_WORLD, Streaming.shape)
+    streaming, plain = (WeakForm(grid, case(given)) for case in (Streaming, WithoutBase))
+    x = streaming.case.coordinates(grid.nodes.i, grid.nodes.j)
+    local = 1.0 + 0.1 * noise(grid, 2)
+    whole = local.copy()
+    nodal = grid.split(whole)[0]
+    nodal += Streaming.base_gradient @ x
+    rate, shift, change = noise(grid, 4), 7.0, noise(grid, 11)
+    found, products = [], []
+    for form, unknowns in ((streaming, local), (plain, whole)):
+        increment = form.increment(x, form.no_stress() + 0.02, 0.1, 0.0)
+        found.append(form.residual(unknowns, rate, increment))
+        matrix, given, product = (form.create_matrix(), grid.create_vector(),
+                                  grid.create_vector())
+        form.jacobian(unknowns, shift, increment, matrix)
+        grid.from_local(change, given)
+        matrix.mult(given, product)
+        ends = [form.residual(unknowns + h * change, rate + h * shift * change, increment)
+                for h in (1e-6, -1e-6)]
+        difference = (ends[0] - ends[1]) / 2e-6
+        np.testing.assert_allclose(product.array_r, difference,
+                                   atol=1e-6 * np.abs(difference).max())
+        products.append(product.array_r.copy())
+    for one, other in (found, products):
+        np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_mean_velocity_of_a_graded_side_is_that_along_its_length(side):
+    form = discretised(case="inclined_plane", height=8, width=2, element_size=1, grading=3)
+    grid = form.grid
+    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    local = grid.join(np.array([x[1], x[1]**2]), np.ones(grid.nodes.size),
+                      np.ones(grid.corners.size))
+    flow = Flow(form, 0.0, local, None, x)
+    np.testing.assert_allclose(flow.mean_velocity(side), [4.0, 64.0 / 3.0], rtol=1e-12)
+
+
+def test_the_mean_velocity_includes_the_base_flow():
+    grid = Grid(PETSc.COMM_WORLD, Streaming.shape)
+    form = WeakForm(grid, Streaming(parameters()))
+    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    flow = Flow(form, 0.0, np.zeros(grid.n_local), None, x)
+    corners = form.case.coordinates(*np.array([[0, 6, 0, 6], [0, 0, 4, 4]]))
+    mean = Streaming.base_gradient @ corners.mean(axis=1)
+    np.testing.assert_allclose(flow.mean_velocity(), mean, rtol=1e-12)
+    mean = Streaming.base_gradient @ corners[:, 2:].mean(axis=1)
+    np.testing.assert_allclose(flow.mean_velocity("top"), mean, rtol=1e-12)
+
+
 # Where the pressure vanishes
 
 def test_the_inertial_number_has_a_value_where_the_pressure_vanishes():
@@ -100,6 +171,41 @@ def test_a_field_that_is_not_a_number_is_written_but_told_with_its_place(tmp_pat
 
 
 # Profiles against closed forms
+
+@pytest.mark.parametrize("function, low, high, exact", [
+    (lambda x: np.expm1(x - 2.0), -30.0, 9.0, 2.0),
+    (lambda x: np.log(1e-3 + x) - np.log(0.25), 0.0, 1e3, 0.249),
+    (lambda x: 0.3 - 7.0 / x**2, 1.0, 1e4, np.sqrt(7.0 / 0.3)),
+    (lambda x: -np.arctan(x), -5.0, 8.0, 0.0)])
+def test_a_root_is_found_to_rounding_in_few_evaluations(function, low, high, exact):
+    places = []
+
+    def counted(x):
+        places.append(x)
+        return function(x)
+
+    assert profiles.root(counted, low, high) == pytest.approx(exact, rel=2e-15, abs=1e-15)
+    assert len(places) < 30
+
+
+def test_the_profile_of_a_plate_takes_few_flows(monkeypatch):
+    """A profile of NGF is a linear problem for each shear stress that is tried."""
+    tried, speed = [], profiles.Rheology.speed
+    monkeypatch.setattr(profiles.Rheology, "speed",
+                        lambda self, flow: tried.append(flow) or speed(self, flow))
+    case = created(case="planar_shear", model="ngf", height=10, gravity=0.05)
+    # The profile and the speed of its wall come from polynomials of different order.
+    assert case.profile().velocity(10.0) == pytest.approx(10.0, rel=1e-11)
+    assert len(tried) < 30
+
+
+def test_the_slowest_mode_of_a_slope_is_a_zero_of_a_bessel_function():
+    law = created(case="inclined_plane", law="jop", slope=24).law
+    angle = np.radians(24.0)
+    slope = law.stress_ratio(law.inertial_number(np.asarray(np.tan(angle)))[0])[1]
+    zero = float(mpmath.findroot(lambda x: mpmath.besselj(-mpmath.mpf(1) / 3, x), 1.9))
+    expected = -(0.75 * zero)**2 / 4.0**1.5 * slope * np.sqrt(np.cos(angle)) / 0.6
+    assert profiles.slope_rate(law, 1.0, 0.6, 4.0, 24.0) == pytest.approx(expected, rel=1e-13)
 
 def test_slope_without_length_has_the_profile_of_bagnold():
     case = created(case="inclined_plane", model="li", law="jop", slope=24, height=12)

@@ -43,7 +43,7 @@ def test_a_batch_node_needs_neither_pyvista_nor_matplotlib(tmp_path):
 def test_the_doctor_finds_this_installation_good():
     text = run_ranks(0, "-m", "pgran", "-doctor").stdout
     assert text.splitlines()[-1] == "all fits together"
-    for name in ("petsc4py 3.", "slepc4py 3.", "mpi4py with", "h5py", "one MPI library"):
+    for name in ("petsc4py 3.", "slepc4py 3.", "mpi4py with", "h5py", "scipy", "one MPI library"):
         assert f"ok  {name}" in text
 
 
@@ -57,10 +57,10 @@ def test_the_doctor_says_what_to_do(monkeypatch, capsys):
     assert doctor.main() == 1
     text = capsys.readouterr().out
     for cure in ("take a PETSc with real numbers", "its version must be that of petsc4py",
-                 "-> install h5py", "rebuild mpi4py and h5py", "install the MPI that mpi4py",
-                 "export PMIX_MCA_psec=native"):
+                 "-> install h5py", "-> install scipy", "rebuild mpi4py and h5py",
+                 "install the MPI that mpi4py", "export PMIX_MCA_psec=native"):
         assert cure in text
-    assert text.count("BAD") == 5
+    assert text.count("BAD") == 6
 
 
 #: Element size, options file, seconds on two ranks of two machines, and MB (docs/performance.md,

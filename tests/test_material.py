@@ -281,7 +281,7 @@ def test_turned_stress_is_that_of_a_turned_tensor():
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, -s], [s, c]])
     turned = R @ np.array([[S[0], S[2]], [S[2], S[1]]]) @ R.T
-    np.testing.assert_allclose(elasticity.rotated(S, angle),
+    np.testing.assert_allclose(elasticity.rotate(S, angle),
                                [turned[0, 0], turned[1, 1], turned[0, 1]], rtol=1e-14)
 
 

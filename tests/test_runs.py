@@ -165,6 +165,12 @@ def test_weak_form_and_multigrid_tests_pass_on_ranks(ranks):
               "not odd_elements and not iterations and not a_split")
 
 
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_advection_tests_pass_on_ranks(ranks):
+    run_ranks(ranks, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_advection.py",
+              "-k", "ranks or uniform_field or both_stresses")
+
+
 def test_fieldsplit_and_direct_reach_the_same_answer(tmp_path):
     band = *SMALL, "-pgran_compression", 0.02
     direct, shipped, solved = (tmp_path / f"{name}.h5" for name in ("direct", "shipped", "solved"))

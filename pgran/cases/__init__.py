@@ -61,8 +61,8 @@ class Case(ABC):
     periodic : tuple of bool
         Whether the grid closes on itself along i and along j.
     moving : bool
-        Whether the mesh moves with the material. On a fixed mesh stress turns with the material
-        and is carried with it, and inertia contains the convective acceleration (v.grad)v.
+        Whether the mesh moves with the material. On a fixed mesh the flow rotates and advects the
+        stress, and inertia contains the convective acceleration (v.grad) v.
     coarsest : float
         Mean side over A d of the coarsest elements that multigrid may use. They resolve what
         couples velocity and fluidity over long distances: three are the shortest growing wavelength

@@ -6,7 +6,7 @@ import numpy as np
 COMPONENTS = 3
 
 
-def rotated(stress, angle):
+def rotate(stress, angle):
     """Return a stress deviator turned counterclockwise.
 
     Parameters

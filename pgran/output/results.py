@@ -30,8 +30,8 @@ from .vtkhdf import link
 #: Columns of the history of a run in time: energies (stress d^2) and volume (d^2), per unit depth.
 BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
 #: All columns that a run in time has; a case adds its observables.
-HISTORY = ("time", "step_size", "newton_iterations", "linear_iterations", "inertial_number_min",
-           "inertial_number_max", *BALANCE)
+HISTORY = ("time", "step_size", "courant_number", "newton_iterations", "linear_iterations",
+           "inertial_number_min", "inertial_number_max", *BALANCE)
 INTEGERS = ("newton_iterations", "linear_iterations")
 #: Units, where stress is that of the case; what is not here is a pure number.
 UNITS = {"coordinates": "d", "velocity": "d gdot0", "fluidity": "gdot0", "pressure": "stress",

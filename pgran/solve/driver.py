@@ -58,16 +58,16 @@ class Flow:
         return float(self._comm.allreduce((x[0] * force[1] - x[1] * force[0]).sum()))
 
     def mean_velocity(self, side=None):
-        """Return the mean velocity (2,) of the nodes of a side, or of all, d gdot0. Collective.
+        """Return the mean velocity (2,) along a side, or over the volume, d gdot0. Collective.
 
-        The mean over all is that over the volume.
+        The base flow is included.
         """
-        grid, (velocity, _, _) = self.form.grid, self.form.grid.split(self._local)
+        form, x = self.form, self._x
+        nodal = velocity(form, self._local, x)
         if side:
-            nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
-            sums = np.array([*velocity[:, nodes].sum(axis=1), nodes.size])
+            sums = form.side_integrals(nodal, x, side)
         else:
-            sums = self.form.integrals(velocity, Geometry(self._x[:, grid.element_nodes]))
+            sums = form.integrals(nodal, Geometry(x[:, form.grid.element_nodes]))
         sums = self._comm.allreduce(sums)
         return sums[:DIM] / sums[DIM]
 
@@ -427,6 +427,7 @@ class Driver:
         self.state, self._failure = end, None
         self._guess, self._guarded = None, False
         self._committed = local, (local - state.local) / dt, step.increment
+        self._courant_number = step.courant_number
         self._time, self._dt, self._last, self._attempts = ts.getTime(), None, dt, 0
         target = self.controller.land(self.state.time)
         if target is not None:
@@ -503,6 +504,7 @@ class Driver:
         report = {
             "time": self.state.time,
             "step_size": dt,
+            "courant_number": self._courant_number,
             "newton_iterations": snes.getIterationNumber(),
             "linear_iterations": snes.getLinearSolveIterations(),
             "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),

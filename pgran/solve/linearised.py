@@ -112,7 +112,7 @@ class LinearisedStep:
         step = states.TimeStep(form, start, self.dt)
         increment = step.increment
         if "spin" in self.without:
-            increment.stress = start.past(self.dt, self.base.moved)[1]
+            increment.stress = start.past(self.dt, self.base.transport(start))[1]
         if "memory" in self.without:
             increment.stress = base.stress
         if "interior" in self.without:

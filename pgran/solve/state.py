@@ -4,8 +4,8 @@ A step predicts the mesh at its end to third order (Adams-Bashforth), turns the 
 with the material, and asks for the solution there with the stress rate of BDF2. After acceptance
 the mesh moves by the trapezoidal rule, and the new stress is kept. Where the flow grows as
 exp(r t), this rule adds (r dt)^3/12 in a step, and a prediction of second order would take
-5/12 (r dt)^4, which is more from r dt = 1/5 on. On a fixed mesh the flow carries and turns the
-stress instead. In pseudo-time nothing turns either, so that the steady state is that of
+5/12 (r dt)^4, which is more from r dt = 1/5 on. On a fixed mesh the flow rotates and advects the
+stress instead. In pseudo-time stress neither rotates nor moves, so that the steady state is that of
 rigid-viscous flow.
 """
 
@@ -14,12 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from ..material.elasticity import rotated, stress_rate
+from ..material.elasticity import rotate, stress_rate
 from ..options import ParameterError
 from ..output import checkpoint
 from ..output.files import Disk
 from ..output.reading import opened
 from ..output.results import read_mode, read_snapshot
+from ..space.advection import Advection
 from ..space.element import DIM, SHAPE
 
 #: Departure from the reference flow, over its size, from which on a perturbation is a band.
@@ -48,7 +49,7 @@ class State:
     dt : float or None
         Size of the step that led here; None at the start.
     earlier : ndarray, (3, points, n), or None
-        The stress that this step started from, turned and carried with the material.
+        The stress that this step started from, rotated and advected with the material.
     rate : ndarray, (n_local,)
         Difference quotient of the unknowns over this step; zero at the start.
     bend : ndarray, (2, n_nodes), or None
@@ -125,12 +126,13 @@ class State:
         return cls(float(values["time"]), x, local, stress, dt, earlier, rate,
                    nodes.get("velocity_bend"), pace)
 
-    def past(self, dt, moved):
-        """Return f and S of `stress_rate` for a step ``dt``; ``moved`` is `TimeStep.moved`."""
-        stress = moved(self.stress)
-        if self.dt is None:
-            return stress_rate(dt, stress)
-        return stress_rate(dt, stress, self.dt, moved(self.earlier))
+    def past(self, dt, stresses):
+        """Return f and S of `stress_rate` for a step ``dt``.
+
+        ``stresses`` are those that `TimeStep.transport` returns.
+        """
+        stress, *earlier = stresses
+        return stress_rate(dt, stress, self.dt, *earlier)
 
 
 def _period(grid, x):
@@ -355,29 +357,44 @@ class TimeStep:
     ----------
     increment : pgran.space.weakform.Increment
         What is fixed while the step is solved.
+    courant_number : float
+        Largest number of elements that material crosses in the step; 0 where the mesh moves with
+        the material, or where everything stays.
     """
 
     def __init__(self, form, state, dt, still=False):
         self.form, self.state, self.dt, self.still = form, state, dt, still or dt == 0.0
         x, stress, end, factor = state.x, state.stress, state.time, 1.0
+        self.courant_number = 0.0
         if not self.still:
-            self._middle = state.mean_velocity(form, dt)
+            middle = state.mean_velocity(form, dt)
             if form.case.moving:
-                x = state.x + dt * self._middle
-            self._angle = dt * form.spin(self._middle, 0.5 * (state.x + x))
-            factor, stress = state.past(dt, self.moved)
+                x = state.x + dt * middle
+            else:
+                self._advection = Advection(form.grid, middle, x)
+                self.courant_number = self._advection.courant_number(dt)
+            self._angle = dt * form.spin(middle, 0.5 * (state.x + x))
+            stresses = self.transport(state)
+            self._earlier = stresses[0]
+            factor, stress = state.past(dt, stresses)
             end = state.time + dt
         theta = factor * form.material.elastic_compliance(dt)
         self.increment = form.increment(x, stress, theta, end, rate_from=state.time)
 
-    def moved(self, stress):
-        """Return a stress deviator (3, points, n) turned, and on a fixed mesh carried, by the step.
+    def transport(self, state):
+        """Return the last one or two stress deviators of a state as this step transports them.
 
-        Collective.
+        Each is (3, points, n), the latest one first. They rotate with the material. On a fixed mesh
+        they are advected too, after half of the rotation, which makes both together second order
+        in time. Collective.
         """
-        if not self.form.case.moving:
-            stress = self.form.carried(stress, self._middle, self.dt, self.state.x)
-        return rotated(stress, self._angle)
+        stresses = [state.stress] if state.dt is None else [state.stress, state.earlier]
+        if self.form.case.moving:
+            return [rotate(stress, self._angle) for stress in stresses]
+        half = 0.5 * self._angle
+        fields = np.concatenate([rotate(stress, half) for stress in stresses])
+        fields = self._advection.advect(fields, self.dt)
+        return [rotate(stress, half) for stress in np.split(fields, len(stresses))]
 
     def mesh_at_end(self, local):
         """Return the mesh (2, n_nodes) at the end of the step, by the trapezoidal rule."""
@@ -399,7 +416,7 @@ class TimeStep:
         if state.dt is not None:
             bend = self.form.grid.split(rate - state.rate)[0] / (self.dt + state.dt)
         return State(state.time + self.dt, self.mesh_at_end(local), local, stress, self.dt,
-                     self.moved(state.stress), rate, bend, pace)
+                     self._earlier, rate, bend, pace)
 
     def departure(self, local, stress, resolution):
         """Return the `Departure` of the solution. Collective.

@@ -105,7 +105,8 @@ class Grid:
         for name, size in [*((field, NODES) for field in self.fields), ("P", CORNERS)]:
             self.blocks[name] = slice(rows, rows + size)
             rows += size
-        parts = self._partition()
+        self._parts, self._cells = self._partition(), {}
+        parts = self._parts
         self.nodes = Lattice(comm, shape, periodic, parts, 2, self.dof)
         self.corners = Lattice(comm, shape, periodic, parts, 1, 1)
         for number, name in enumerate(("velocity_1", "velocity_2", "fluidity")[:self.dof]):
@@ -238,6 +239,39 @@ class Grid:
         found = self.split(self.to_local(vector))[0][:len(values)].copy()
         vector.destroy()
         return found
+
+    def element_ring(self, values):
+        """Return values (..., m) of the owned elements with those of the elements around them.
+
+        The result is (..., rows + 2, columns + 2): the m owned elements in rows of j and columns of
+        i, and a ring of their neighbours, also across the corners. It is zero outside the domain.
+        Collective.
+        """
+        cells, before = self.elements, values.shape[:-1]
+        dof = int(np.prod(before))
+        if dof not in self._cells:
+            kind = PETSc.DM.BoundaryType
+            dm = PETSc.DMDA().create(
+                dim=2, dof=dof, sizes=self.shape, proc_sizes=[len(part) for part in self._parts],
+                boundary_type=tuple(kind.PERIODIC if wrap else kind.GHOSTED
+                                    for wrap in self.periodic),
+                stencil_type=PETSc.DMDA.StencilType.BOX, stencil_width=1,
+                ownership_ranges=[part.astype(PETSc.IntType) for part in self._parts],
+                comm=self.comm)
+            self._cells[dof] = dm, dm.createGlobalVec(), dm.createLocalVec()
+        dm, owned, ring = self._cells[dof]
+        owned.setArray(values.reshape(dof, -1).T.ravel())  # a point after the other
+        dm.globalToLocal(owned, ring)
+        return ring.array_r.reshape(-1, dof).T.reshape(
+            *before, cells.j1 - cells.j0 + 2, cells.i1 - cells.i0 + 2).copy()
+
+    def with_ghost_elements(self, values):
+        """Return values (..., n) at all local elements of the values (..., m) of the owned ones.
+
+        Collective.
+        """
+        cells = self.elements
+        return self.element_ring(values)[..., cells.j - cells.j0 + 1, cells.i - cells.i0 + 1]
 
     def sum_at_nodes(self, values):
         """Return the sums (n_nodes,) over elements of ``values`` (nodes, n) at their nodes.

@@ -250,27 +250,6 @@ class WeakForm:
         geometry = element.Geometry(x[:, nodes])
         return np.array([geometry.gradient(part[nodes]) for part in values])
 
-    def carried(self, stress, velocity, dt, x):
-        """Return a stress deviator (3, points, n) that a flow has carried for a time. Collective.
-
-        ``velocity`` (2, n_nodes) in d gdot0, ``dt`` in 1/gdot0, nodes ``x`` (2, n_nodes) in d. The
-        change is that of the continuous field s through the nodal means,
-        -dt v.grad s + (dt^2/2) v.grad(v.grad s).
-        """
-        nodes = self.grid.element_nodes
-        geometry = element.Geometry(x[:, nodes])
-        speed = [element.SHAPE @ part[nodes] for part in velocity]
-
-        def along(values):
-            nodal = np.concatenate([self.grid.with_ghosts(np.array(
-                [self.at_nodes(part) for part in values[k:k + DIM]]))
-                for k in range(0, len(values), DIM)])
-            return np.array([sum(v * slope for v, slope in zip(
-                speed, geometry.gradient(part[nodes]))) for part in nodal])
-
-        first = along(stress)
-        return stress - dt * first + 0.5 * dt**2 * along(first)
-
     def at_nodes(self, values):
         """Return nodal values (n_nodes,) of a field at the Gauss points, (points, n).
 
@@ -389,6 +368,17 @@ class WeakForm:
             :, self.grid.element_nodes]
         return self._over_elements(geometry.weight * values)
 
+    def side_integrals(self, nodal, x, side):
+        """Return the integrals along a side of nodal fields (k, n_nodes) and of one, (k + 1,).
+
+        They are over the elements that this rank owns, times d; ``x`` (2, n_nodes) are the nodes.
+        """
+        owned = np.isin(self.grid.side_elements(side), self.grid.elements.owned)
+        nodes = self.grid.side_nodes(side)[:, owned]
+        length = element.WEIGHTS_1D[:, None] * np.hypot(*(element.SIDE_SLOPE @ x[:, nodes]))
+        values = element.SIDE_SHAPE @ np.array([*nodal, np.ones(nodal.shape[1])])[:, nodes]
+        return (length * values).sum(axis=(1, 2))
+
     def _over_elements(self, values):
         """Sums (k,) of values (k, points, n) over the elements that this rank owns."""
         return values[..., self.grid.elements.owned].sum(axis=(1, 2))
@@ -455,7 +445,7 @@ class WeakForm:
                 store(rows, self.storage["velocity"])
             if self.convective:
                 out[rows] += element.SHAPE.T @ (self.storage["velocity"] * weight * sum(
-                    v * slope for v, slope in zip(p.velocity, p.gradients[i])))
+                    v * slope for v, slope in zip(p.total_velocity, p.gradients[i])))
         if self.grid.has_fluidity:
             flux = self.material.model.diffusion * p.geometry.gradient(p.nodal_g)
             source = p.response.source.value
@@ -617,7 +607,7 @@ class WeakForm:
         tangent = weight * viscosity.rate * p.gdot if np.ndim(viscosity.rate) else None
         inertia = mass("velocity")
         if self.convective:  # (w, (v.grad) dv)
-            carrying = np.einsum("kqe,ksqe->sqe", p.velocity, inverse) * weight
+            carrying = np.einsum("kqe,ksqe->sqe", p.total_velocity, inverse) * weight
             carrying = element.VALUE_SLOPE @ (self.storage["velocity"] * carrying).reshape(-1, n)
             inertia = carrying if inertia is None else inertia + carrying
         for i, row in enumerate(self.grid.velocities):
@@ -724,10 +714,10 @@ class BatchPoints:
         self.nodal = nodal = local[grid.element_unknowns[:, batch]]
         self.elements = nodal.shape[1]
         self.geometry = increment.geometry[batch]
-        base, theta = form.case.base_gradient, increment.theta
+        self._base, theta = form.case.base_gradient, increment.theta
         self._nodal_velocity = [nodal[grid.blocks[name]] for name in grid.velocities]
         self.gradients = [self.geometry.gradient(part) + np.reshape(row, (DIM, 1, 1))
-                          for part, row in zip(self._nodal_velocity, base)]
+                          for part, row in zip(self._nodal_velocity, self._base)]
         (l11, l12), (l21, l22) = self.gradients
         s11, s22, s12 = increment.stress[:, :, batch] * (theta / 2.0)
         self.divergence = l11 + l22
@@ -759,6 +749,11 @@ class BatchPoints:
     def velocity(self):
         """Velocity at the points, base flow left out, (2, points, n)."""
         return np.array([element.SHAPE @ part for part in self._nodal_velocity])
+
+    @property
+    def total_velocity(self):
+        """Velocity at the points with the base flow, (2, points, n), d gdot0."""
+        return self.velocity + np.tensordot(self._base, self.x, 1)
 
     def deviator(self):
         """Return sigma' = 2 viscosity D~, (3, points, n): 11, 22, 12."""

@@ -1,1 +1,1 @@
-"""Closed forms, numpy only: waves in an infinite medium, turning wave vectors, the specimen."""
+"""Linear theory of waves and specimens, and one-dimensional profiles; numpy and scipy only."""

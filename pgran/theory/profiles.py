@@ -1,4 +1,4 @@
-"""Steady unidirectional flows and their time scales, from one-dimensional problems: numpy only.
+"""Steady unidirectional flows and their time scales, from one-dimensional problems.
 
 In each of these flows mu(x) and P(x) are known up to one constant, which the speed of the wall
 fixes. Steady NGF is then a linear two-point problem, the primitive form a nonlinear one, and LI
@@ -301,25 +301,13 @@ def split(start, end, cuts=()):
 
 
 def root(function, low, high):
-    """Return where an increasing function is zero between ``low`` and ``high``, to rounding.
+    """Return where a function changes sign between ``low`` and ``high``, to rounding.
 
-    The method is that of Illinois (a false position that does not stall).
+    Raises ValueError where it has the same sign at both.
     """
-    f_low, f_high = function(low), function(high)
-    for _ in range(200):
-        middle = high - f_high * (high - low) / (f_high - f_low)
-        if not low < middle < high:
-            middle = 0.5 * (low + high)
-        f = function(middle)
-        if f == 0.0 or high - low <= 4e-16 * abs(middle):
-            return middle
-        if f > 0.0:
-            high, f_high, f_low = middle, f, 0.5 * f_low
-        else:
-            low, f_low, f_high = middle, f, 0.5 * f_high
-        if min(abs(high - low), abs(f)) <= 1e-15 * abs(middle):
-            break
-    return middle
+    from scipy.optimize import brentq  # slow to import, and only profiles need it
+
+    return brentq(function, low, high, xtol=1e-15, rtol=4.0 * np.finfo(float).eps)
 
 
 def _driven(rheology, make, speed):
@@ -436,19 +424,6 @@ def stopping_height(law, A, slope):
     return float(np.pi / 2.0 * A / np.sqrt(law.inverse_length_squared(np.asarray(mu))[0]))
 
 
-def bessel(order, x):
-    """Return J_order(x) by its power series, for moderate ``x`` > 0."""
-    from math import gamma
-
-    term = (x / 2.0)**order / gamma(order + 1.0)
-    total, k = term, 0
-    while abs(term) > 1e-17 * abs(total) or k < x:
-        k += 1
-        term *= -(x / 2.0)**2 / (k * (k + order))
-        total += term
-    return total
-
-
 def slope_rate(law, I0, phi, height, slope):
     """Return the rate (< 0), gdot0, at which LI flow on a slope approaches Bagnold's profile.
 
@@ -457,9 +432,11 @@ def slope_rate(law, I0, phi, height, slope):
 
         v' = z^(1/4) J_(-1/3)((4/3) sqrt(q) z^(3/4)),   rate = -q mu_loc' sqrt(cos)/(phi I0).
     """
+    from scipy.special import jv
+
     angle = np.radians(slope)
     I = law.inertial_number(np.asarray(np.tan(angle)))[0]
-    zero = root(lambda x: -bessel(-1.0 / 3.0, x), 1.0, 3.0)
+    zero = root(lambda x: jv(-1.0 / 3.0, x), 1.0, 3.0)
     q = (0.75 * zero)**2 / height**1.5
     return float(-q * law.stress_ratio(I)[1] * np.sqrt(np.cos(angle)) / (phi * I0))
 

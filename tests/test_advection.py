@@ -1,0 +1,280 @@
+"""Transport of stress through a fixed mesh is stable, of third order, and the same on all ranks.
+
+Every test that starts no run runs unchanged on any number of ranks.
+"""
+
+import h5py
+import numpy as np
+import pytest
+from conftest import discretised, pgran
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from pgran.material.elasticity import rotate
+from pgran.solve.state import State, TimeStep
+from pgran.space.advection import SUBSTEP, Advection
+from pgran.space.element import DIM, POINTS, SHAPE, Geometry
+from pgran.space.grid import Grid
+
+COMM = MPI.COMM_WORLD
+
+
+def nodes_of(grid):
+    """Global indices of the nodes in elements, (2, n_nodes)."""
+    return np.array([grid.nodes.i, grid.nodes.j]) / 2.0
+
+
+def at_points(grid, x, function):
+    """Values of ``function(x)`` at the Gauss points of the local elements, (..., points, n)."""
+    return function(np.array([SHAPE @ part[grid.element_nodes] for part in x]))
+
+
+def owned(grid, values):
+    return values[..., grid.elements.owned]
+
+
+# Flows: the grid, its nodes and the velocity
+
+def straight(comm, n=6, slope=0.0):
+    """Uniform flow along a periodic layer of squares, or obliquely through its walls."""
+    grid = Grid(comm, (n, 4), (True, False))
+    x = nodes_of(grid)
+    return grid, x, np.array([np.ones_like(x[0]), np.full_like(x[0], slope)])
+
+
+def channel(comm):
+    """Oblique flow through a piece of squares with inflow and outflow on all sides."""
+    grid = Grid(comm, (5, 4))
+    x = nodes_of(grid)
+    return grid, x, np.array([np.ones_like(x[0]), np.full_like(x[0], -0.7)])
+
+
+def graded(comm):
+    """Shear along a layer that is graded across, with both directions of flow."""
+    grid = Grid(comm, (6, 4), (True, False))
+    x = nodes_of(grid)
+    corner = np.stack([np.floor(x[1]), np.ceil(x[1])]) / 4.0
+    x[1] = 4.0 * (corner**2 / (corner**2 + (1.0 - corner)**2)).mean(axis=0)
+    return grid, x, np.array([x[1] - 1.5, 0.0 * x[1]])
+
+
+def distorted(comm, n=6):
+    """Oblique uniform flow through a periodic cell of curved elements."""
+    grid = Grid(comm, (n, n), (True, True))
+    x = nodes_of(grid) * 6.0 / n
+    a, b = 2.0 * np.pi * x / 6.0
+    x = x + 0.12 * np.array([np.sin(a) * np.cos(b), np.sin(2.0 * a + b)])
+    return grid, x, np.array([np.ones_like(a), np.full_like(a, 0.7)])
+
+
+def ring(comm, n=8, shear=1.0):
+    """A ring that turns counterclockwise, rigidly without ``shear``; i counts clockwise."""
+    grid = Grid(comm, (n, n // 2), (True, False))
+    index = nodes_of(grid)
+    r, angle = 2.0 + 8.0 / n * index[1] / 4.0, -2.0 * np.pi * (grid.nodes.i % (2 * n)) / (2 * n)
+    x = r * np.array([np.cos(angle), np.sin(angle)])
+    return grid, x, np.array([-x[1], x[0]]) * (1.0 + shear * (2.0 - r))
+
+
+def vortex(comm):
+    """A flow without divergence that circulates within walls."""
+    grid = Grid(comm, (6, 4))
+    x = nodes_of(grid)
+    (a, b), (c, d) = x, (6.0 - x[0], 4.0 - x[1])
+    return grid, x, 0.1 * np.array([a * c * (d - b), -b * d * (c - a)])
+
+
+FLOWS = {"straight": straight, "oblique": lambda comm: straight(comm, slope=0.7),
+         "channel": channel, "graded": graded, "distorted": distorted, "ring": ring,
+         "vortex": vortex}
+
+
+# Stability
+
+@pytest.mark.parametrize("courant", [0.01, 0.05, 0.2, 0.5, 1.0, 2.5])
+@pytest.mark.parametrize("flow", FLOWS)
+def test_no_disturbance_grows_at_any_courant_number(flow, courant):
+    grid, x, velocity = FLOWS[flow](PETSc.COMM_SELF)
+    scheme = Advection(grid, velocity, x)
+    size = POINTS * grid.elements.owned.size
+    fields = grid.with_ghost_elements(np.eye(size).reshape(size, POINTS, -1))
+    step = owned(grid, scheme.advect(fields, courant / scheme.rate)).reshape(size, size).T
+    # Multiple eigenvalues 1 of fields that the flow does not change are computed to 1e-8 only.
+    assert np.abs(np.linalg.eigvals(step)).max() < 1.0 + 1e-7
+    many = np.linalg.matrix_power(step, 1000)
+    assert np.abs(many).sum(axis=1).max() < 4.0  # nor slower than exponentially
+
+
+def test_a_short_wave_does_not_grow_with_many_small_steps():
+    grid, x, velocity = straight(PETSc.COMM_WORLD)
+    scheme = Advection(grid, velocity, x)
+    start = at_points(grid, x, lambda x: np.cos(np.pi * x[0]))[None]  # two elements long
+    fields = start
+    for _ in range(400):
+        fields = scheme.advect(fields, 0.05)
+    # After 20 elements, and a whole number of waves, only the error of the scheme is left.
+    assert np.abs(fields).max() < np.abs(start).max()
+
+
+# Accuracy
+
+@pytest.mark.parametrize("courant", [0.3, 1.2])
+@pytest.mark.parametrize("flow", ["distorted", "ring"])
+def test_a_smooth_field_is_transported_with_third_order(flow, courant):
+    """A wave in a cell, and a field that turns with a ring, as it is on a Cartesian grid."""
+    errors, time = [], 1.0
+    for n in (16, 32):
+        if flow == "ring":
+            grid, x, velocity = ring(PETSc.COMM_WORLD, n, shear=0.0)
+
+            def exact(x, t):
+                angle = np.arctan2(x[1], x[0]) - t
+                return np.hypot(*x) * np.cos(2.0 * angle)
+        else:
+            grid, x, velocity = distorted(PETSc.COMM_WORLD, n)
+
+            def exact(x, t):
+                a, b = 2.0 * np.pi / 6.0 * (x - t * np.array([1.0, 0.7]).reshape(2, 1, 1))
+                return np.sin(a) + np.cos(a + b)
+        scheme = Advection(grid, velocity, x)
+        steps = round(scheme.rate * time / courant)
+        fields = at_points(grid, x, lambda x: exact(x, 0.0))[None]
+        for _ in range(steps):
+            fields = scheme.advect(fields, time / steps)
+        error = owned(grid, fields[0] - at_points(grid, x, lambda x: exact(x, time)))
+        errors.append(COMM.allreduce(np.abs(error).max(initial=0.0), MPI.MAX))
+    assert errors[1] < 2e-3
+    assert np.log2(errors[0] / errors[1]) > 2.7
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+def test_a_uniform_field_stays_uniform(flow):
+    grid, x, velocity = FLOWS[flow](PETSc.COMM_WORLD)
+    scheme = Advection(grid, velocity, x)
+    fields = np.full((2, POINTS, grid.n_elements), [[[0.3]], [[-2.0]]])
+    found = scheme.advect(fields, 2.0 / scheme.rate)
+    np.testing.assert_allclose(found, fields, rtol=1e-13)
+
+
+@pytest.mark.parametrize("flow", ["straight", "graded", "distorted", "vortex"])
+def test_the_integral_of_a_field_is_kept(flow):
+    grid, x, velocity = FLOWS[flow](PETSc.COMM_WORLD)
+    weight = Geometry(x[:, grid.element_nodes]).weight
+    start = at_points(grid, x, lambda x: (3.0 + np.sin(x[0]) * x[1])[None])
+    scheme = Advection(grid, velocity, x)
+    end = scheme.advect(start, 1.5 / scheme.rate)
+    totals = [COMM.allreduce(owned(grid, weight * fields[0]).sum()) for fields in (start, end)]
+    assert COMM.allreduce(np.abs(owned(grid, end - start)).max(initial=0.0), MPI.MAX) > 0.1
+    assert totals[1] == pytest.approx(totals[0], rel=1e-12)
+
+
+def test_material_that_enters_brings_the_mean_of_the_element_that_it_enters():
+    grid, x, velocity = channel(PETSc.COMM_WORLD)
+    scheme = Advection(grid, velocity, x)
+    start = at_points(grid, x, lambda x: (x[0] + 0.5 * np.cos(3.0 * x[1]))[None])
+    fields = start
+    for _ in range(60):
+        fields = scheme.advect(fields, 1.0)
+    inside = owned(grid, fields)
+    low, high = (COMM.allreduce(part, how) for part, how in (
+        (inside.min(initial=np.inf), MPI.MIN), (inside.max(initial=-np.inf), MPI.MAX)))
+    # Where the flow enters lies the corner (0, 4): its element has long replaced all others.
+    assert high - low < 1e-10
+    assert -0.5 < low < 1.5
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+def test_the_result_does_not_depend_on_the_ranks(flow):
+    (alone, x, v), (grid, *shared) = (FLOWS[flow](comm) for comm in (
+        PETSc.COMM_SELF, PETSc.COMM_WORLD))
+    found = []
+    for own, (nodes, velocity) in ((alone, (x, v)), (grid, shared)):
+        fields = at_points(own, nodes, lambda x: np.array([np.sin(x[0]), x[1]**2]))
+        scheme = Advection(own, velocity, nodes)
+        found.append((scheme.rate, scheme.advect(fields, 0.7)))
+    (rate, whole), (same, part) = found
+    assert same == pytest.approx(rate, rel=1e-14)
+    nx, ny = grid.shape
+    table = np.empty((2, POINTS, ny, nx))
+    table[..., alone.element_j % ny, alone.element_i % nx] = whole
+    # Ghost elements have what their owners have.
+    np.testing.assert_allclose(part, table[..., grid.element_j % ny, grid.element_i % nx],
+                               atol=1e-13)
+
+
+# In a time step
+
+def test_stress_that_turns_along_its_way_is_followed_with_second_order_in_time():
+    form = discretised(case="planar_shear", width=4, height=4, element_size=0.5)
+    grid = form.grid
+    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    phase, across = np.pi * x[0] / 2.0, x[1] * (4.0 - x[1]) / 4.0
+    velocity = np.array([1.0 + np.sin(phase) * (4.0 - 2.0 * x[1]) / 4.0,
+                         -np.pi / 2.0 * np.cos(phase) * across])
+    local = grid.join(velocity, np.ones(grid.nodes.size), np.ones(grid.corners.size))
+    found = []
+    for steps in (8, 16, 32):
+        stress = form.no_stress() + np.array([1.0, -1.0, 0.5]).reshape(-1, 1, 1)
+        for _ in range(steps):
+            step = TimeStep(form, State(0.0, x, local, stress), 1.0 / steps)
+            stress = step.transport(State(0.0, x, local, stress))[0]
+        found.append(owned(grid, stress))
+    coarse, fine = (COMM.allreduce(np.abs(b - a).max(initial=0.0), MPI.MAX)
+                    for a, b in zip(found, found[1:]))
+    assert fine < 0.02
+    assert np.log2(coarse / fine) > 1.7
+
+
+def test_both_stresses_of_a_state_are_transported_and_rotated():
+    form = discretised(case="annular_shear", inner_radius=3, outer_radius=6, element_size=1)
+    grid = form.grid
+    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    local = grid.join(np.array([-x[1], x[0]]), np.ones(grid.nodes.size),
+                      np.ones(grid.corners.size))
+    dt = 0.1
+
+    def turned(t):
+        """A tensor S(r, angle) = R(angle/2) S(r) of a ring after the ring has turned by t."""
+        place = at_points(grid, x, lambda x: np.hypot(*x) / 6.0)
+        angle = at_points(grid, x, lambda x: np.arctan2(x[1], x[0]))
+        return rotate(np.array([place, -place, 0.3 + 0.0 * place]), t + (angle - t) / 2.0)
+
+    state = State(0.0, x, local, turned(0.0), dt, 2.0 * turned(0.0), np.zeros_like(local))
+    step = TimeStep(form, state, dt)
+    latest, earlier = step.transport(state)
+    np.testing.assert_allclose(latest, turned(dt), atol=2e-3)
+    # A step that only advects or only rotates is off by 0.1/2 of the tensor.
+    assert np.abs(turned(dt) - turned(0.0)).max() > 0.05
+    np.testing.assert_allclose(earlier, 2.0 * latest, atol=1e-12)
+    assert step.end(local, latest).earlier == pytest.approx(latest)
+    assert step.courant_number == pytest.approx(
+        dt * grid.shape[0] / (2.0 * np.pi), rel=0.02)  # rigid: the angle per element
+
+
+def test_substeps_keep_the_courant_number_within_stability():
+    grid, x, velocity = straight(PETSc.COMM_WORLD)
+    scheme = Advection(grid, velocity, x)
+    assert scheme.rate == pytest.approx(1.0, rel=1e-13)
+    assert scheme.courant_number(0.25) == pytest.approx(0.25, rel=1e-13)
+    assert SUBSTEP < 0.209  # the limit of the method
+    fields = at_points(grid, x, lambda x: np.sin(np.pi * x[0] / 3.0)[None])
+    whole = scheme.advect(fields, 6.0)  # once around
+    assert np.abs(whole - fields).max() < 0.01
+
+
+# Runs
+
+def test_a_chute_stays_uniform_along_its_flow(tmp_path):
+    path, end, dt = tmp_path / "chute.h5", 60.0, 0.5
+    given = {"model": "li", "gravity": 0.06, "width": 20, "height": 2, "element_size": 1,
+             "step_max": dt, "end_time": end, "snapshots": end}
+    pgran(0, "vertical_chute.opts", path, "-ts_type", "beuler",
+          *[text for name, value in given.items() for text in (f"-pgran_{name}", value)])
+    with h5py.File(path) as file:
+        shear = file["snapshots/0000/stress_tensor"][..., DIM]
+        speed = np.abs(file["snapshots/0000/velocity"][...]).max()
+        courant, step = (file["history"][name][...] for name in ("courant_number", "step_size"))
+    assert np.ptp(shear, axis=0).max() < 1e-10
+    assert np.abs(shear).max() == pytest.approx(0.6, rel=0.05)
+    assert len(step) < 1.5 * end / dt
+    assert courant[-1] == pytest.approx(speed * step[-1], rel=1e-3)  # elements of 1 d
