@@ -6,6 +6,7 @@ PNG, SVG or PDF. What writes files returns their paths.
 
 import os
 import shutil
+import textwrap
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,6 +30,8 @@ COLOURS = "viridis"
 SIGMA = r"$|\sigma_1|$"
 #: Inches of the longer side of a panel, and pixels an inch.
 SIDE, DPI = 5.5, 150
+#: Characters in a line of the reason why there is no band.
+WORDS = 28
 #: Arrows along the longer side of a panel.
 ARROWS = 24
 
@@ -123,22 +126,25 @@ def outline(axes, result, snapshot):
 
 
 def band_line(axes, snapshot):
-    """Draw the middle and the two edges of a shear band, with its angle and width."""
-    found = snapshot.band()
-    if found["angle"] is None:
-        axes.text(0.5, 0.02, "no band crosses", transform=axes.transAxes, ha="center", fontsize=8)
-        return
-    x = snapshot.x[..., 0]
-    ends = np.array([x.min(), x.max()])
-    angle = np.radians(found["angle"])
-    middle = found["position"] + np.tan(angle) * (ends - ends.mean())
-    apart = found["width"] / (2.0 * np.cos(angle))
-    axes.plot(ends, middle, color="white", linewidth=1.2)
-    for edge in (-apart, apart):
-        axes.plot(ends, middle + edge, color="white", linewidth=0.8, linestyle="--")
-    axes.text(0.5, 0.02, f"{found['angle']:.1f}° $\\pm$ {found['angle_error']:.1f}°, "
-              f"{found['width']:.1f} $\\pm$ {found['width_error']:.1f} d", transform=axes.transAxes,
-              ha="center", fontsize=8, bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0})
+    """Draw the middle and the two edges of each shear band, with its angle and width.
+
+    Without a band the reason is written instead.
+    """
+    found, lines = snapshot.band(), []
+    for each in found["each_band"]:
+        angle = np.radians(each["angle"])
+        along, normal = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        middle = each["centre"] + np.outer([-0.5, 0.5], each["length"] * along)
+        axes.plot(*middle.T, color="white", linewidth=1.2)
+        for edge in (-0.5, 0.5):
+            axes.plot(*(middle + edge * each["width"] * normal).T, color="white", linewidth=0.8,
+                      linestyle="--")
+        lines.append(f"{each['angle']:.1f}° $\\pm$ {each['angle_error']:.1f}°, "
+                     f"{each['width']:.1f} $\\pm$ {each['width_error']:.1f} d")
+    if not lines:
+        lines = textwrap.wrap(f"no band: {found['reason']}", WORDS)
+    axes.text(0.5, 0.02, "\n".join(lines), transform=axes.transAxes, ha="center", fontsize=8,
+              bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0})
 
 
 def panels(chosen, name, style):
