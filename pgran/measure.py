@@ -68,9 +68,10 @@ def describe(row):
             f"{'localised' if row['localised'] else 'not localised'}")
     if row["reason"]:
         return f"{line}  no band: {row['reason']}"
-    return f"{line}  {row['bands']} band{'s' if row['bands'] != 1 else ''}" + ";".join(
+    line += f"  {row['bands']} band{'s' if row['bands'] != 1 else ''}" + ";".join(
         f"  angle {each['angle']:.1f} +- {each['angle_error']:.1f} degrees  "
         f"width {each['width']:.1f} +- {each['width_error']:.1f} d" for each in row["each_band"])
+    return line + (f"; parts of other bands: {row['parts']}" if row["parts"] else "")
 
 
 def run(asked, paths):

@@ -60,7 +60,7 @@ def test_wide_bands_are_recovered(angle, deformed):
     found = band.band(x, gaussian_band(x, angle, 24.5))
     assert found["angle"] == pytest.approx(angle, abs=0.3)
     assert found["width"] == pytest.approx(24.5, rel=0.02)
-    assert found["bands"] == 1
+    assert found["bands"] == 1 and found["parts"] == 0
 
 
 @pytest.mark.parametrize("deformed", [False, True])
@@ -84,7 +84,7 @@ def test_each_of_parallel_bands_is_measured(angle, centres, deformed):
 def test_both_of_crossing_bands_are_measured(angle, combined):
     x = specimen(False)
     found = band.band(x, combined(gaussian_band(x, angle, 10.0), gaussian_band(x, -angle, 10.0)))
-    assert found["bands"] == 2
+    assert found["bands"] == 2 and found["parts"] == 0
     assert sorted(each["angle"] for each in found["each_band"]) == pytest.approx(
         [-angle, angle], abs=0.5)
     assert [each["width"] for each in found["each_band"]] == pytest.approx([10.0] * 2, rel=0.04)
@@ -116,6 +116,14 @@ def test_a_side_branch_does_not_turn_the_angle_of_a_straight_band():
     x = specimen(False)
     found = band.band(x, branching(x, 51.0, (51.0, 0.0)))
     assert found["bands"] == 1 and found["angle"] == pytest.approx(51.0, abs=0.1)
+
+
+def test_parts_of_bands_that_meet_at_a_face_are_counted_apart():
+    x = specimen(False)
+    meeting = [gaussian_band(x, angle, 6.0, (40.0, 66.0)) for angle in (51.0, -51.0)]
+    found = band.band(x, np.max([*meeting, gaussian_band(x, -51.0, 6.0, (20.0, 15.0))], axis=0))
+    assert found["bands"] == 1 and found["parts"] == 2
+    assert found["angle"] == pytest.approx(-51.0, abs=0.1)
 
 
 def spot(x):

@@ -193,15 +193,15 @@ def bands_along(x, I, along):
     """Return the bands that cross the specimen, and why other candidates are no bands.
 
     The cuts are the lines of nodes that do not run along the coordinate ``along``. Returns a list
-    of dictionaries of `straight_band`, the band with the largest I first, and a list of pairs
-    (length in d, reason).
+    of dictionaries of `straight_band`, the band with the largest I first; a list of pairs (length
+    in d, reason); and the number of those that are straight parts of further bands.
     """
     if along == 1:
         x, I = x.swapaxes(0, 1), I.T
     least = LEAST_PEAK * I.max()
     segments = segments_of([stretches_of(k, x[:, k], I[:, k], least) for k in range(I.shape[1])])
     pool = sorted(segments, key=lambda segment: -len(segment.stretches))
-    bands, refused = [], []
+    bands, refused, parts = [], [], []
     while pool:
         group = [pool.pop(0)]
         for other in list(pool):
@@ -222,11 +222,22 @@ def bands_along(x, I, along):
         reason = _refusal(group[0].leaves[0], group[-1].leaves[1], found)
         if reason:
             refused.append((found["length"], reason))
+            if (found["length"] >= MIN_ELONGATION * found["width"]
+                    and found["angle_error"] <= MAX_ANGLE_ERROR):
+                parts.append(found)
         else:
             found["inertial_number"] = float(np.mean([
                 I[stretch.low:stretch.high + 1, stretch.cut].max() for stretch in complete]))
             bands.append(found)
-    return sorted(bands, key=lambda found: -found["inertial_number"]), refused
+    count = sum(not any(_lies_on(part, other) for other in bands) for part in parts)
+    return sorted(bands, key=lambda found: -found["inertial_number"]), refused, count
+
+
+def _lies_on(part, other):
+    """Whether the middle of a part lies on another band, as where two bands cross."""
+    angle = np.radians(other["angle"])
+    apart = np.subtract(part["centre"], other["centre"]) @ [-np.sin(angle), np.cos(angle)]
+    return abs(apart) < other["width"] / 2.0
 
 
 def _join(group, other, along):
@@ -278,6 +289,8 @@ def band(x, I):
         ``asymmetry`` : the relative L2 difference of I from I turned by 180 degrees about the
         centre, None where nothing flows.
         ``bands`` : the number of bands.
+        ``parts`` : the number of further straight parts of bands, which end at a branch or inside
+        the specimen.
         ``each_band`` : list of dictionaries with the angle of each band with the x1 axis and its
         error (``angle``, ``angle_error``, degrees, -90 < angle <= 90), the full width at half
         maximum and its spread along the band (``width``, ``width_error``, d), a point in the
@@ -289,7 +302,7 @@ def band(x, I):
         ``reason`` : why there is no band, None where there is one.
     """
     keys = "angle", "angle_error", "width", "width_error", "centre"
-    found = {"localised": False, "asymmetry": None, **dict.fromkeys(keys), "bands": 0,
+    found = {"localised": False, "asymmetry": None, **dict.fromkeys(keys), "bands": 0, "parts": 0,
              "each_band": [], "reason": "nothing flows"}
     if not (I > 0.0).any():
         return found
@@ -302,12 +315,13 @@ def band(x, I):
     if not found["localised"]:
         return found
     directions = [bands_along(x, I, along) for along in (0, 1)]
-    bands = max((bands for bands, _ in directions),
-                key=lambda bands: max((row["length"] for row in bands), default=0.0))
+    bands, _, parts = max(directions, key=lambda direction: max(
+        (row["length"] for row in direction[0]), default=0.0))
     if bands:
-        return {**found, "bands": len(bands), "each_band": bands,
+        return {**found, "bands": len(bands), "parts": parts, "each_band": bands, "reason": None,
                 **{key: bands[0][key] for key in keys}}
-    refused = [row for _, rows in directions for row in rows]
+    found["parts"] = max(parts for _, _, parts in directions)
+    refused = [row for _, rows, _ in directions for row in rows]
     found["reason"] = max(refused, default=(0.0, "no stretch where I exceeds half of its maximum "
                                             "continues from cut to cut"))[1]
     return found

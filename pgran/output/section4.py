@@ -115,8 +115,8 @@ def numbers(panel):
     rows = [(f"{text}: I from", "-", band["inertial_number_min"]),
             (f"{text}: I to", "-", band["inertial_number_max"]),
             (f"{text}: localised", "-", "yes" if band["localised"] else "no")]
-    if band["reason"] and panel["options"]["model"] != "li":
-        rows.append((f"{text}: no band is measured, as {band['reason']}", "-", "-"))
+    if band["localised"] and band["reason"] and panel["options"]["model"] != "li":
+        rows.append((f"{text}: no band: {band['reason']}", "-", "-"))
     if one_band(panel):
         rows += [(f"{text}: angle (degrees), +- {band['angle_error']:.1f}", "51 or -51",
                   band["angle"]),
