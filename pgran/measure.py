@@ -1,19 +1,27 @@
 """Measure the shear band in result files: python -m pgran.measure NAME.h5 ... [-json]
 
 ``python -m pgran.measure -meshes COARSE.h5 FINE.h5 ...`` compares the last snapshots of runs on
-meshes that divide each other, at common material points.
+meshes that divide each other, at common material points. The runs must not differ otherwise.
 
-For each snapshot it prints the angle of the band with the x1 axis, its width (full width at half
-maximum of the inertial number, normal to the band, averaged along it), the range of I, and whether
-the flow is localised. `pgran.output.band` says how these are found.
+For each snapshot it prints the range of I, whether the flow is localised, and the angle of each
+band with the x1 axis and its width (full width at half maximum of the inertial number, normal to
+the band, averaged along it), or why there is no band. `pgran.output.band` describes the method.
 """
 
 import sys
 
 from .cli import JSON, answer, as_json, own
-from .options import OptionError
+from .options import OptionError, plain
 from .output import band
+from .output.reading import ResultError
+from .output.result import Result
 
+#: Options of the mesh. They are allowed to differ between runs whose meshes are compared.
+MESH = "element_size", "cell_elements", "grading", "imperfection_size"
+#: Options that change the solution, although a run may begin from a result with other values.
+MATERIAL = "shear_modulus", "inertia"
+#: Decimals to which a snapshot's place in the run is compared.
+DIGITS = 9
 ROWS = own("meshes", "flag", "compare successive files instead", False), JSON
 
 
@@ -29,16 +37,41 @@ def compare(paths, in_json):
         print(f"  {path}: {100 * row['l2']:.2f} %  {100 * row['maximum']:.2f} %{order}")
 
 
+def check_same_problem(results):
+    """Raise `OptionError` unless the last snapshots of results differ by their meshes only."""
+    problems = [problem(result) for result in results]
+    for result, other in zip(results[1:], problems[1:]):
+        differing = [f"{name} ({plain(here)} and {plain(other[name])})"
+                     for name, here in problems[0].items()
+                     if name in other and here != other[name] and None not in (here, other[name])]
+        if differing:
+            raise OptionError(f"-meshes {results[0].path} {result.path}: allowed are runs that "
+                              "differ by their meshes only; these differ in "
+                              + ", ".join(differing))
+
+
+def problem(result):
+    """Return what the last snapshot of a result shows, {name: value}, without its mesh."""
+    if not result.snapshots:
+        raise ResultError(result.path, "it holds 0 snapshots")
+    counted, parameters = result.case.counted_by, result.parameters
+    found = {f"-{row.prefix}{row.name}": getattr(parameters, row.name) for row in parameters.rows
+             if (row.shared or row.name in MATERIAL) and row.name not in MESH}
+    found[counted] = round(float(result.snapshots[-1].attributes[counted]), DIGITS)
+    return found
+
+
 def describe(row):
     """Return the line that tells what was measured in a snapshot."""
     line = (f"  {row.get('label', ''):>20}  I {row['inertial_number_min']:.3e} to "
             f"{row['inertial_number_max']:.3e}  "
             f"{'localised' if row['localised'] else 'not localised'}")
-    if row["localised"] and row["angle"] is not None:
-        line += (f"  {row['bands']} band{'s' if row['bands'] != 1 else ''}  "
-                 f"angle {row['angle']:.1f} +- {row['angle_error']:.1f} degrees  "
-                 f"width {row['width']:.1f} +- {row['width_error']:.1f} d")
-    return line
+    if row["reason"]:
+        return f"{line}  no band: {row['reason']}"
+    line += f"  {row['bands']} band{'s' if row['bands'] != 1 else ''}" + ";".join(
+        f"  angle {each['angle']:.1f} +- {each['angle_error']:.1f} degrees  "
+        f"width {each['width']:.1f} +- {each['width_error']:.1f} d" for each in row["each_band"])
+    return line + (f"; parts of other bands: {row['parts']}" if row["parts"] else "")
 
 
 def run(asked, paths):
@@ -46,6 +79,7 @@ def run(asked, paths):
     if asked.meshes:
         if len(paths) < 2:
             raise OptionError(f"-meshes {paths[0]}: allowed are two files or more")
+        check_same_problem([Result(path) for path in paths])
         compare(paths, asked.json)
         return
     found = {path: band.measure(path) for path in paths}

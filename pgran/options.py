@@ -476,6 +476,15 @@ def hint(name, known, prefix=PREFIX):
     return "did you mean " + " or ".join(f"-{prefix}{other}" for other in near) + "?"
 
 
+def not_among(name, allowed):
+    """Return that ``name`` is not one of the names that are ``allowed``, in words for a message.
+
+    It names the similar ones, or all of them if none is similar.
+    """
+    near = difflib.get_close_matches(name, list(allowed), n=3)
+    return f"did you mean {' or '.join(near)}?" if near else "allowed are " + ", ".join(allowed)
+
+
 def help_text(rows):
     """Return rows as the text that ``-help`` prints."""
     lines = []

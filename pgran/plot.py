@@ -57,6 +57,9 @@ def check(asked):
         values = getattr(asked, name)
         if values is not None and len(values) != count:
             raise OptionError(f"-{name} {','.join(map(str, values))}: allowed are {count} numbers")
+    if asked.line and asked.line[:2] == asked.line[2:]:
+        raise OptionError(f"-line {','.join(f'{value:g}' for value in asked.line)}: the two points "
+                          "must differ")
     if asked.limits and not asked.limits[0] < asked.limits[1]:
         raise OptionError(f"-limits {asked.limits[0]:g},{asked.limits[1]:g}: the first must be "
                           "the smaller one")
@@ -78,7 +81,11 @@ def drawn(asked, paths):
         names = asked.history.split(",")
         return pictures.curves([Result(path) for path in paths], names, target("_".join(names)))
     written = []
-    for name in asked.field.split(","):
+    names = asked.field.split(",")
+    for name in names:
+        for path in paths:
+            pictures.check_field(Result(path), name)
+    for name in names:
         if asked.show:
             snapshot, = pictures.snapshots_of(Result(paths[0]), one)
             written += pictures.window(snapshot, name)

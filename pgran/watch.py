@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from .cli import answer, own
-from .options import OptionError
+from .options import OptionError, not_among
 from .output import pace
 from .output.result import Result
 
@@ -49,7 +49,8 @@ def look(path, column):
     lines = [f"{path}: {result.parameters.case}, {result.parameters.model}, "
              f"{result.parameters.law}; {len(result.snapshots)} snapshots"]
     if column not in history:
-        raise OptionError(f"-column {column}: {path} has " + ", ".join(sorted(history)))
+        raise OptionError(f"-column {column}: {path} has no such column; "
+                          + not_among(column, sorted(history)))
     if not steps:
         return [*lines, "  no step yet"], False
     done = np.array([case.count(time) for time in history["time"]]) / case.count(case.targets[-1])
@@ -61,14 +62,15 @@ def look(path, column):
         more = pace.left(done, work) if done[-1] >= pace.EARLY else None
         state = "under way" if more is None or not np.isfinite(spent) else (
             f"{pace.words(spent)} so far, some {pace.words(spent * more / work[-1])} left")
+    label = "steady flow" if result.steady else case.label(history["time"][-1])
+    across, along = result.progress() if result.steady else ("time", history["time"])
     filled = 40 if result.complete else int(40 * min(float(done[-1]), 1.0))
-    lines += [f"  [{'#' * filled}{'.' * (40 - filled)}] {case.label(history['time'][-1])}, "
-              f"{state}",
+    lines += [f"  [{'#' * filled}{'.' * (40 - filled)}] {label}, {state}",
               f"  step {steps}, size {history['step_size'][-1]:.2e}, "
               f"{history['newton_iterations'][-1]} Newton and {history['linear_iterations'][-1]} "
               f"linear iterations, I {history['inertial_number_min'][-1]:.2e} to "
               f"{history['inertial_number_max'][-1]:.2e}",
-              f"  {column} over time:", *curve(history["time"], history[column])]
+              f"  {column} over {across}:", *curve(along, history[column])]
     return lines, result.complete
 
 

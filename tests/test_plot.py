@@ -1,12 +1,15 @@
 """What is in a picture: known fields give known colours at known places."""
 
+import shutil
+
+import h5py
 import matplotlib
 import numpy as np
 import pytest
 from conftest import ROOT, run_ranks
 
 import pgran
-from pgran import plot
+from pgran import plot, watch
 from pgran.output import pictures
 from pgran.output.result import QUANTITIES, Result, nodal_slope, q2_elements
 
@@ -140,9 +143,68 @@ def test_curves_and_movies_are_made(path, tmp_path, capsys):
     (["-limits", "2,1"], "the first must be the smaller one"),
     (["-line", "1,2"], "allowed are 4 numbers"), (["-history", "nosuch"], "-history nosuch"),
     (["-movie", "x.avi"], "allowed are files .gif or .mp4"), (["-show"], "there is no display"),
-    (["-field", "spin", "-log", "-limits", "-1,1"], "has no logarithm")])
+    (["-field", "spin", "-log", "-limits", "-1,1"], "has no logarithm"),
+    (["-field", "presure"], "has no field presure; did you mean pressure?"),
+    (["-field", "spin,velocity"], "-field velocity: it has several components at a point; allowed "
+     "are speed, velocity_1, velocity_2"),
+    (["-field", "deviator"], "-field deviator: it has several components at a point"),
+    (["-field", "presure", "-line", "0,12,8,12"], "did you mean pressure?"),
+    (["-line", "20,0,30,0"], "-line 20,0,30,0: the line does not meet the body"),
+    (["-line", "20,0,30,0"], "x2 = 0 to 23.95 d"),
+    (["-line", "1,1,1,1"], "-line 1,1,1,1: the two points must differ"),
+    (["-history", "top_stres"], "did you mean top_stress?")])
 def test_what_cannot_be_drawn_is_refused(path, given, wanted, capsys, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     assert plot.main([str(path), *given]) == 1
     assert wanted in capsys.readouterr().err
+
+
+def steady_result(path):
+    """A copy of a result whose steps all have the same time, as those in pseudo-time have."""
+    steady = path.with_name("steady.h5")
+    shutil.copy(path, steady)
+    with h5py.File(steady, "r+") as file:
+        for name in ("time", "compression"):
+            file["history"][name][...] = 0.0
+        file.attrs["steady_residual"] = 1e-9
+    return steady
+
+
+def test_the_history_of_a_steady_flow_is_drawn_against_its_steps(path, capsys):
+    steady = steady_result(path)
+    name, values = Result(steady).progress()
+    steps = len(Result(path).history["time"])
+    assert name == "step" and list(values) == list(range(1, steps + 1))
+    assert Result(path).progress()[0] == "compression" and not Result(path).steady
+    assert plot.main([str(steady), "-history", "top_stress", "-format", "svg"]) == 0
+    text = steady.with_name("steady_top_stress.svg").read_text()
+    assert "step in pseudo-time" in text and "compression" not in text
+    assert plot.main([str(steady), str(path), "-history", "top_stress"]) == 1
+    assert "is drawn against step, and that of" in capsys.readouterr().err
+    assert watch.main([str(steady), "-once", "-column", "top_stress"]) == 0
+    text = capsys.readouterr().out
+    assert "steady flow" in text and "top_stress over step:" in text
+
+
+def crossing(x):
+    """I of two bands that cross at 51 and -51 degrees, in the specimen of `SMALL`."""
+    slope, middle = np.tan(np.radians(51.0)), x[..., 1] - 12.0
+    return sum(np.exp(-((middle - sign * slope * (x[..., 0] - 4.0)) / 1.5)**2)
+               for sign in (-1.0, 1.0))
+
+
+@pytest.mark.parametrize("field, lines, wanted", [
+    (crossing, 6, ["51.0°", "-51.0°"]),
+    (lambda x: np.exp(-((x - [4.0, 12.0])**2).sum(axis=-1)), 0, ["no band: "]),
+    (lambda x: np.ones(x.shape[:2]), 0, ["no band: I exceeds half"])])
+def test_a_picture_shows_the_bands_that_are_there_and_no_other(snapshot, field, lines, wanted):
+    x, y = np.meshgrid(np.linspace(0.0, 8.0, 41), np.linspace(0.0, 24.0, 121))
+    x = np.stack([x, y], axis=-1)
+    snapshot._read.update(coordinates=x, inertial_number=field(x))
+    axes = matplotlib.figure.Figure().subplots()
+    pictures.band_line(axes, snapshot)
+    assert len(axes.lines) == lines
+    text = axes.texts[0].get_text().replace("\n", " ")
+    assert all(part in text for part in wanted)
+    assert lines or "°" not in text

@@ -11,7 +11,7 @@ from pgran.material.laws.barker_gray import BarkerGray
 from pgran.material.laws.bingham import Bingham
 from pgran.material.laws.jop import Jop
 from pgran.material.models.ngf_primitive import NGFPrimitive
-from pgran.theory import turning, waves
+from pgran.theory import specimen, turning, waves
 from pgran.theory.waves import BASE_FLOWS, Coefficients
 
 LAWS = {"bingham": Bingham(0.3819, 0.9377), "jop": Jop(0.3819, 0.6435, 0.9377)}
@@ -464,6 +464,19 @@ def test_specimen_is_answered_by_the_closed_form(capsys):
         assert stability.main(["-specimen", "-json", *options]) == 0
         answer = json.loads(capsys.readouterr().out)
         assert answer["growth_rate_gdot0"] == pytest.approx(rate, rel=1e-4)
+
+
+def test_specimen_needs_no_mesh_that_fits(capsys):
+    rates = []
+    for width in ("24", "25", "26"):
+        assert stability.main(["-specimen", "-json", "-pgran_width", width]) == 0
+        answer = json.loads(capsys.readouterr().out)
+        assert answer["width"] == float(width) and answer["height"] == 3.0 * float(width)
+        rates.append(answer["growth_rate_gdot0"])
+    wanted = specimen.growth_rate(LAWS["bingham"], "ngf", inertial_number=0.001, width=25.0,
+                                  height=75.0)
+    assert rates[1] == pytest.approx(complex(wanted).real, rel=1e-9)
+    assert min(rates[0], rates[2]) < rates[1] < max(rates[0], rates[2])
 
 
 def test_theory_imports_neither_petsc_nor_mpi():

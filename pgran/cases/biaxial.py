@@ -8,6 +8,8 @@ large this weak square is, whether it lies to the left instead, and whether the 
 specimen.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from ..options import BOTH, Option, ParameterError, positive
@@ -41,18 +43,6 @@ class Biaxial(PureShear):
     observables = {"compression": "", "top_stress": "stress"}
     counted_by = "compression"
 
-    def __init__(self, parameters):
-        super().__init__(parameters)
-        self._shape = self.elements_along("width"), self.elements_along("height")
-        self._weak = 1 if parameters.imperfection_size is None else self.elements_along(
-            "imperfection_size")
-        room = [n - n // 2 for n in self._shape]
-        if parameters.imperfection != 1.0 and self._weak > min(room):
-            raise ParameterError(
-                "imperfection_size", parameters.imperfection_size, "the weak square begins at the "
-                f"centre and leaves the specimen; allowed is <= "
-                f"{min(room) * parameters.element_size:g}")
-
     @classmethod
     def resolve(cls, parameters, given):
         """Fill in the height and the end, and refuse options of a weak square that is left out."""
@@ -80,10 +70,26 @@ class Biaxial(PureShear):
                 "amplitude": p.A, "density": material.bulk_density if p.inertia else 0.0,
                 "relaxation_time": material.model.storage.get("fluidity")}
 
-    @property
+    @cached_property
     def shape(self):
-        """Return the number of elements along x1 and x2."""
-        return self._shape
+        """Return the number of elements along x1 and x2.
+
+        Raises `ParameterError` where they do not make up the specimen and the weak square.
+        """
+        shape = self.elements_along("width"), self.elements_along("height")
+        room = min(n - n // 2 for n in shape)
+        if self.parameters.imperfection != 1.0 and self.weak_elements > room:
+            raise ParameterError(
+                "imperfection_size", self.parameters.imperfection_size, "the weak square begins at "
+                "the centre and leaves the specimen; allowed is <= "
+                f"{room * self.parameters.element_size:g}")
+        return shape
+
+    @cached_property
+    def weak_elements(self):
+        """Return the number of elements along a side of the weak square."""
+        return (1 if self.parameters.imperfection_size is None
+                else self.elements_along("imperfection_size"))
 
     def coordinates(self, i, j):
         """Return the initial coordinates (2, n) of nodes, d."""
@@ -127,8 +133,8 @@ class Biaxial(PureShear):
         nx, ny = self.shape
         if self.parameters.imperfection_mirrored:
             i = nx - 1 - i
-        weak = ((nx // 2 <= i) & (i < nx // 2 + self._weak)
-                & (ny // 2 <= j) & (j < ny // 2 + self._weak))
+        weak = ((nx // 2 <= i) & (i < nx // 2 + self.weak_elements)
+                & (ny // 2 <= j) & (j < ny // 2 + self.weak_elements))
         return np.where(weak, self.parameters.imperfection, 1.0)
 
     def count(self, time):

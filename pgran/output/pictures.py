@@ -5,7 +5,9 @@ PNG, SVG or PDF. What writes files returns their paths.
 """
 
 import os
+import re
 import shutil
+import textwrap
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,9 +17,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 
-from ..options import OptionError
+from ..options import OptionError, not_among
 from .reading import ResultError
 from .result import QUANTITIES, Result, cells
 
@@ -29,6 +32,10 @@ COLOURS = "viridis"
 SIGMA = r"$|\sigma_1|$"
 #: Inches of the longer side of a panel, and pixels an inch.
 SIDE, DPI = 5.5, 150
+#: Label of the steps of a steady flow.
+STEP = "step in pseudo-time"
+#: Characters in a line of the reason why there is no band.
+WORDS = 28
 #: Arrows along the longer side of a panel.
 ARROWS = 24
 
@@ -123,22 +130,25 @@ def outline(axes, result, snapshot):
 
 
 def band_line(axes, snapshot):
-    """Draw the middle and the two edges of a shear band, with its angle and width."""
-    found = snapshot.band()
-    if found["angle"] is None:
-        axes.text(0.5, 0.02, "no band crosses", transform=axes.transAxes, ha="center", fontsize=8)
-        return
-    x = snapshot.x[..., 0]
-    ends = np.array([x.min(), x.max()])
-    angle = np.radians(found["angle"])
-    middle = found["position"] + np.tan(angle) * (ends - ends.mean())
-    apart = found["width"] / (2.0 * np.cos(angle))
-    axes.plot(ends, middle, color="white", linewidth=1.2)
-    for edge in (-apart, apart):
-        axes.plot(ends, middle + edge, color="white", linewidth=0.8, linestyle="--")
-    axes.text(0.5, 0.02, f"{found['angle']:.1f}° $\\pm$ {found['angle_error']:.1f}°, "
-              f"{found['width']:.1f} $\\pm$ {found['width_error']:.1f} d", transform=axes.transAxes,
-              ha="center", fontsize=8, bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0})
+    """Draw the middle and the two edges of each shear band, with its angle and width.
+
+    Without a band the reason is written instead.
+    """
+    found, lines = snapshot.band(), []
+    for each in found["each_band"]:
+        angle = np.radians(each["angle"])
+        along, normal = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        middle = each["centre"] + np.outer([-0.5, 0.5], each["length"] * along)
+        axes.plot(*middle.T, color="white", linewidth=1.2)
+        for edge in (-0.5, 0.5):
+            axes.plot(*(middle + edge * each["width"] * normal).T, color="white", linewidth=0.8,
+                      linestyle="--")
+        lines.append(f"{each['angle']:.1f}° $\\pm$ {each['angle_error']:.1f}°, "
+                     f"{each['width']:.1f} $\\pm$ {each['width_error']:.1f} d")
+    if not lines:
+        lines = textwrap.wrap(f"no band: {found['reason']}", WORDS)
+    axes.text(0.5, 0.02, "\n".join(lines), transform=axes.transAxes, ha="center", fontsize=8,
+              bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0})
 
 
 def panels(chosen, name, style):
@@ -238,12 +248,41 @@ def along_line(snapshot, name, ends, points=400):
     return share * np.hypot(*(last - first)), found.filled(np.nan)
 
 
+def check_field(result, name):
+    """Raise `OptionError` unless the last snapshot of a result has a scalar field ``name``."""
+    if name in QUANTITIES or not result.snapshots:
+        return
+    last = result.snapshots[-1]
+    scalars = [*QUANTITIES, *(field for field in last.names
+                              if field not in QUANTITIES and last.stored(field).ndim == 2)]
+    if name in scalars:
+        return
+    if name in (*last.names, "coordinates"):
+        parts = [quantity for quantity in QUANTITIES
+                 if re.fullmatch(rf"{name.removesuffix('_tensor')}(_\d+)?", quantity)]
+        if name == "velocity":
+            parts.insert(0, "speed")
+        raise OptionError(f"-field {name}: it has several components at a point; allowed are "
+                          + ", ".join(parts or scalars))
+    raise OptionError(f"-field {name}: {result.path} has no field {name}; "
+                      + not_among(name, scalars))
+
+
 def profiles(results, name, ends, target, which=-1):
-    """Draw a quantity along a line, one curve for each result."""
+    """Draw a quantity along a line, one curve for each result.
+
+    Raises `OptionError` where the line does not meet the body.
+    """
     figure, (axes,) = curves_figure("distance along the line (d)", [label(results[0], name)])
     for result in results:
         for snapshot in snapshots_of(result, which):
             distance, values = along_line(snapshot, name, ends)
+            if np.isnan(values).all():
+                (x1, x2), (y1, y2) = np.transpose([snapshot.x.min((0, 1)), snapshot.x.max((0, 1))])
+                raise OptionError(
+                    "-line {:g},{:g},{:g},{:g}: ".format(*ends)
+                    + f"the line does not meet the body of {result.path} ({snapshot.label}), which "
+                    f"lies within x1 = {x1:.4g} to {x2:.4g} d and x2 = {y1:.4g} to {y2:.4g} d")
             axes.plot(distance, values, label=f"{result.path.stem}, {snapshot.label}")
     axes.set_title("({:g}, {:g}) to ({:g}, {:g}) d".format(*ends), fontsize=10)
     axes.legend(fontsize=8)
@@ -253,17 +292,24 @@ def profiles(results, name, ends, target, which=-1):
 
 def curves(results, names, target):
     """Draw columns of the history against how far the run was: a panel for each, a curve a file."""
-    counted = results[0].case.counted_by
     for result in results:
-        for column in (*names, counted):
+        for column in names:
             if column not in result.history:
-                raise OptionError(f"-history {column}: {result.path} has "
-                                  + ", ".join(sorted(result.history)))
-    figure, planes = curves_figure(
-        counted if counted != "time" else r"time ($1/\dot\gamma_0$)", names)
+                raise OptionError(f"-history {column}: {result.path} has no such column; "
+                                  + not_among(column, sorted(result.history)))
+        if not len(result.history[names[0]]):
+            raise ResultError(result.path, "it has no step yet")
+    progress = [result.progress() for result in results]
+    counted = progress[0][0]
+    for result, (other, _) in zip(results, progress):
+        if other != counted:
+            raise OptionError(f"-history {','.join(names)}: the history of {results[0].path} is "
+                              f"drawn against {counted}, and that of {result.path} against {other}")
+    across = {"time": r"time ($1/\dot\gamma_0$)", "step": STEP}
+    figure, planes = curves_figure(across.get(counted, counted), names)
     for axes, name in zip(planes, names):
-        for result in results:
-            axes.plot(result.history[counted], result.history[name], label=result.path.stem)
+        for result, (_, values) in zip(results, progress):
+            axes.plot(values, result.history[name], label=result.path.stem)
     planes[0].legend(fontsize=8)
     figure.savefig(target)
     return [Path(target)]
@@ -278,6 +324,8 @@ def curves_figure(across, up):
         axes.set_ylabel(text)
         axes.grid(alpha=0.3)
     planes[-1].set_xlabel(across)
+    if across == STEP:
+        planes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure, list(planes)
 
 

@@ -150,6 +150,21 @@ class Result:
         """Whether the run came to its end."""
         return bool(self.attributes.get("complete", False))
 
+    @property
+    def steady(self):
+        """Whether a steady flow was computed, in pseudo-time; the time of its steps is the same."""
+        time = self.history.get("time", ())
+        return "steady_residual" in self.attributes or (len(time) > 1 and not np.ptp(time))
+
+    def progress(self):
+        """Return what the history is drawn against: a name, and values (steps,).
+
+        This is what the case is counted by, or of a steady flow the number of the step.
+        """
+        if self.steady:
+            return "step", np.arange(1, len(self.history["time"]) + 1)
+        return self.case.counted_by, self.history[self.case.counted_by]
+
     @cached_property
     def case(self):
         """The `pgran.cases.Case` that was solved; raises `ResultError` where it is not found."""

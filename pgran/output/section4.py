@@ -91,8 +91,7 @@ def draw(name, save, directory, label, relative=False, more=lambda shown: []):
 def one_band(panel):
     """Whether a panel has one band to be measured: LI has many, at both angles."""
     band = panel["band"]
-    return (panel["options"]["model"] != "li" and band["localised"]
-            and band["angle"] is not None)
+    return panel["options"]["model"] != "li" and band["angle"] is not None
 
 
 def dashed_lines(panel):
@@ -105,7 +104,7 @@ def dashed_lines(panel):
     if not one_band(panel):
         return []
     rise = SPACING / 2.0 / np.cos(np.radians(ANGLE))
-    return [((middle, band["position"] + side), np.copysign(slope, band["angle"]))
+    return [((band["centre"][0], band["centre"][1] + side), np.copysign(slope, band["angle"]))
             for side in (-rise, rise)]
 
 
@@ -116,12 +115,14 @@ def numbers(panel):
     rows = [(f"{text}: I from", "-", band["inertial_number_min"]),
             (f"{text}: I to", "-", band["inertial_number_max"]),
             (f"{text}: localised", "-", "yes" if band["localised"] else "no")]
+    if band["localised"] and band["reason"] and panel["options"]["model"] != "li":
+        rows.append((f"{text}: no band: {band['reason']}", "-", "-"))
     if one_band(panel):
         rows += [(f"{text}: angle (degrees), +- {band['angle_error']:.1f}", "51 or -51",
                   band["angle"]),
                  (f"{text}: width (d), +- {band['width_error']:.1f}", "about 24.5",
                   band["width"]),
-                 (f"{text}: bands across the profile", "1", band["bands"])]
+                 (f"{text}: bands", "1", band["bands"])]
     if "seconds" in cost:
         rows.append((f"{text}: steps/Newton/linear, s, MB", "-",
                      f"{cost['steps']}/{cost['newton_iterations']}/{cost['linear_iterations']}, "
