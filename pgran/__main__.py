@@ -197,14 +197,17 @@ class Run:
         return self.comm.bcast(
             time.monotonic() - then >= 60.0 * self.parameters.checkpoint_minutes)
 
-    def checkpoint(self):
-        """Write the history, and a checkpoint of the last accepted state."""
+    def checkpoint(self, repeat=True):
+        """Write the history, and a checkpoint of the last accepted state.
+
+        ``repeat`` is that of `pgran.solve.driver.Driver.values`.
+        """
         from .output import checkpoint
 
         writer, driver = self.writer, self.driver
         writer.flush()
         # A snapshot of where a run was stopped is none that the whole run has: it is not counted.
-        values = {**driver.values(), "history": writer.steps, "snapshots": self.landed,
+        values = {**driver.values(repeat), "history": writer.steps, "snapshots": self.landed,
                   "seconds": self.seconds()}
         checkpoint.write(writer.path, self.form.grid, writer.run, writer.steps, values,
                          driver.state.arrays(self.form.grid))
@@ -236,7 +239,7 @@ class Run:
         if self.driver.started and (self.steady or not interrupted):
             self.writer.snapshot(self.driver.state.time, self.driver.fields())
         if not self.steady:
-            self.checkpoint()
+            self.checkpoint(repeat=interrupted)
 
     def finish(self):
         """Write what remains to be written at the end, and say so."""

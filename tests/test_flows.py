@@ -54,10 +54,13 @@ def disturbed(form, size=0.02):
     return local * (1.0 + size * noise(grid, 3)), increment
 
 
+@pytest.mark.parametrize("model", ["ngf", "ngf_primitive"])
 @pytest.mark.parametrize("wall", ["natural", "zero", "local"])
 @pytest.mark.parametrize("case", COARSE)
-def test_jacobian_with_walls_and_convection_is_the_derivative_of_the_residual(case, wall):
-    form = discretised(case=case, wall_fluidity=wall, inertia=True, law="jop", mu_2=6,
+def test_jacobian_with_walls_and_convection_is_the_derivative_of_the_residual(
+        monkeypatch, case, wall, model):
+    monkeypatch.setattr("pgran.space.weakform.BATCH", 10)  # several batches
+    form = discretised(case=case, model=model, wall_fluidity=wall, inertia=True, law="jop", mu_2=6,
                        **COARSE[case])
     grid = form.grid
     local, increment = disturbed(form)
@@ -144,6 +147,30 @@ def test_the_mean_velocity_includes_the_base_flow():
 
 
 # Where the pressure vanishes
+
+@pytest.mark.parametrize("side", element.ENDS)
+def test_the_rule_at_a_free_surface_is_exact_for_powers_of_the_root_of_the_distance(side):
+    (axis, end), nodes = element.ENDS[side], np.array([-1.0, 0.0, 1.0])
+    first, *further = element.SURFACES[side]
+    places = np.stack([np.tile(nodes, 3), np.repeat(nodes, 3)])  # of the nodes
+    for rule, powers in ((first, np.arange(-1, 5) / 2.0), (further[0], np.arange(12))):
+        depth, along = 1.0 - end * (rule.shape @ places[axis]), rule.shape @ places[1 - axis]
+        for power in powers:
+            assert rule.weights @ (depth**power * along**4) == pytest.approx(
+                2.0**(power + 1.0) / (power + 1.0) * 0.4, rel=1e-12)
+
+
+def test_only_elements_close_to_a_free_surface_have_a_rule_of_their_own():
+    given = COARSE["inclined_plane"]
+    form = discretised(case="inclined_plane", **given)
+    found = [layer for surfaces in form._surfaces for _, here, _ in surfaces for layer in here]
+    close = form.grid.layer("top") < 4
+    assert len(found) == close.sum() and close.any() and not close.all()
+    assert not any(discretised(case=case, **COARSE[case])._surfaces[0]
+                   for case in COARSE if case != "inclined_plane")
+    assert not any(discretised(case="inclined_plane", model="li", **given)._surfaces)
+
+
 
 def test_the_inertial_number_has_a_value_where_the_pressure_vanishes():
     form = discretised(case="inclined_plane", law="jop", mu_2=6, **COARSE["inclined_plane"])
@@ -394,6 +421,15 @@ NARROW = {"planar_shear": "width", "inclined_plane": "width", "vertical_chute": 
      (0.5, 0.25, 0.125, 0.0625), (3.5, 3.5), (1e-6, 1e-6)),
     ("inclined_plane", "jop", "ngf", {"height": 10, "slope": 24, "grading": 2},
      (0.5, 0.25, 0.125, 0.0625), (3.5, 3.5), (1e-6, 1e-6)),
+    # The source of the primitive form is singular at the surface.
+    ("inclined_plane", "jop", "ngf_primitive", {"height": 10, "slope": 26, "grading": 2},
+     (1, 0.5, 0.25, 0.125), (3.7, 3.7), (1e-6, 3e-6)),
+    ("inclined_plane", "jop", "ngf_primitive", {"height": 4, "slope": 23, "grading": 2},
+     (1, 0.5, 0.25, 0.125), (3.7, 3.7), (5e-5, 5e-5)),
+    ("inclined_plane", "bingham", "ngf_primitive", {"height": 10, "slope": 26, "grading": 2},
+     (1, 0.5, 0.25), (3.7, 3.7), (4e-6, 2e-5)),
+    ("inclined_plane", "jop", "ngf_primitive", {"height": 10, "slope": 26},
+     (0.5, 0.25, 0.125, 0.0625), (1.8, 1.8), (2e-6, 2e-5)),
     # LI: g is a strain rate, of second order, and goes like the root of the depth at the surface.
     ("inclined_plane", "jop", "li", {"height": 10, "slope": 24, "grading": 3},
      (0.125, 0.0625, 0.03125), (3.0, 1.4), (1e-6, 1e-4)),
@@ -496,6 +532,20 @@ def test_a_ring_does_not_depend_on_the_ranks(tmp_path, flow):
         for name, field in theirs["snapshots/0000"].items():
             np.testing.assert_allclose(mine["snapshots/0000"][name][...], field[...],
                                        atol=1e-9 * np.abs(field[...]).max())
+
+
+@pytest.mark.parametrize("kind, more", [("pseudo", ()), ("beuler", ("-ts_max_steps", 15))])
+def test_flow_under_a_free_surface_does_not_depend_on_the_ranks(tmp_path, kind, more):
+    found = []
+    for ranks in (1, 3):
+        path = tmp_path / f"{ranks}.h5"
+        pgran(ranks, "inclined_plane.opts", path, "-ts_type", kind, *more, *options(
+            model="ngf_primitive", height=6, width=3, element_size=1, slope=26, end_time=10))
+        with h5py.File(path) as file:
+            last = file["snapshots"][sorted(file["snapshots"])[-1]]
+            found.append({name: last[name][...] for name in ("velocity", "fluidity", "deviator")})
+    for name, values in found[0].items():
+        np.testing.assert_allclose(found[1][name], values, atol=1e-8 * np.abs(values).max())
 
 
 def test_flow_from_rest_approaches_the_steady_one_at_the_rate_of_its_slowest_mode(tmp_path):

@@ -102,6 +102,85 @@ def test_every_kind_of_run_goes_on(tmp_path, options_file, steps, more):
     same(*paths, 5e-3 if options_file == "biaxial.opts" else 1e-7)
 
 
+#: A column of a layer on a slope, followed in time up to a time that comes next.
+SLOPE = ("-ts_type", "beuler", "-pgran_width", 1, "-pgran_element_size", 1, "-pgran_progress",
+         "quiet", "-pgran_end_time")
+
+
+@pytest.mark.parametrize("options_file, stops, more", [
+    ("direct.opts", (17,), SHORT),
+    # Stopped after one attempt of the first step, which failed.
+    ("inclined_plane.opts", (1, 8), (
+        *SLOPE, 0.01, "-pgran_height", 6, "-pgran_model", "ngf_primitive", "-pgran_snapshots",
+        "0.0011,0.0012,0.004")),
+    # It speeds up through the speed of rest.
+    ("inclined_plane.opts", (12,), (
+        *SLOPE, 0.6, "-pgran_height", 6, "-pgran_inertia", "true", "-pgran_model", "li",
+        "-pgran_rest_speed", 0.1, "-pgran_step_max", 0.05)),
+    # It slows down to rest.
+    ("inclined_plane.opts", (20,), (
+        *SLOPE, 50, "-pgran_height", 2, "-pgran_inertia", "true", "-pgran_model", "li",
+        "-pgran_slope", 15, "-pgran_start", "flow", "-pgran_rest_speed", 0.05, "-pgran_step_max",
+        0.1))],
+    ids=["specimen", "close targets", "speeding up", "coming to rest"])
+def test_a_restarted_run_takes_the_steps_of_the_whole_one(tmp_path, options_file, stops, more):
+    whole = tmp_path / "whole.h5"
+    pgran(0, options_file, whole, *more)
+    with h5py.File(whole) as file:
+        expected = dict(file.attrs)
+    for stop in stops:
+        path = tmp_path / f"{stop}.h5"
+        pgran(0, options_file, path, *more, "-ts_max_steps", stop)
+        assert len(history(path)["time"]) <= stop < len(history(whole)["time"])
+        pgran(0, options_file, path, *more, "-pgran_restart", path)
+        same(whole, path, 1e-10)
+        for name in ("newton_iterations", "linear_iterations"):
+            np.testing.assert_array_equal(history(path)[name], history(whole)[name])
+        with h5py.File(path) as file:
+            for name in ("steps", "steps_repeated"):
+                assert file.attrs[name] == expected[name]
+
+
+def test_a_run_that_has_come_to_rest_stays_there(tmp_path):
+    path = tmp_path / "run.h5"
+    more = (*SLOPE, 50, "-pgran_height", 2, "-pgran_inertia", "true", "-pgran_model", "li",
+            "-pgran_slope", 15, "-pgran_start", "flow", "-pgran_step_max", 0.1,
+            "-pgran_rest_speed")
+    pgran(0, "inclined_plane.opts", path, *more, 0.05)
+    times = history(path)["time"]
+    assert times[-1] < 5.0
+    done = pgran(0, "inclined_plane.opts", path, *more, 0.05, "-pgran_restart", path)
+    assert len(history(path)["time"]) == len(times), done.stdout
+    pgran(0, "inclined_plane.opts", path, *more, 0.01, "-pgran_restart", path)  # slower than that
+    assert times[-1] < history(path)["time"][-1] < 5.0
+
+
+def test_a_restart_after_an_error_begins_with_the_step_that_is_wanted(tmp_path):
+    path = tmp_path / "run.h5"
+    more = (*SLOPE, 0.004, "-pgran_height", 6, "-pgran_model", "ngf_primitive")
+    done = pgran(0, "inclined_plane.opts", path, *more, "-pgran_step_min", 4e-4, check=False)
+    refused(done, "no step down to -pgran_step_min 0.0004 converges", "a larger -pgran_step_error")
+    with h5py.File(checkpoint.checkpoints_of(path)[0]) as file:
+        wanted = file.attrs["wanted"]
+        assert "repeat" not in file.attrs
+    pgran(0, "inclined_plane.opts", path, *more, "-pgran_step_error", 100, "-pgran_restart", path,
+          "-ts_max_steps", 1)
+    assert history(path)["step_size"][0] == wanted
+
+
+def test_a_checkpoint_of_an_earlier_version_goes_on(tmp_path):
+    paths = [tmp_path / f"{name}.h5" for name in ("whole", "run")]
+    more = (*SLOPE, 0.4, "-pgran_height", 6, "-pgran_inertia", "true", "-pgran_model", "li",
+            "-pgran_rest_speed", 0.1, "-pgran_step_max", 0.05)
+    pgran(0, "inclined_plane.opts", paths[0], *more)
+    pgran(0, "inclined_plane.opts", paths[1], *more, "-ts_max_steps", 5)
+    for entry in checkpoint.checkpoints_of(paths[1]):
+        with h5py.File(entry, "r+") as file:
+            file.attrs.pop("at_rest", None)
+    pgran(0, "inclined_plane.opts", paths[1], *more, "-pgran_restart", paths[1])
+    same(*paths, 1e-10)
+
+
 def test_a_seeded_run_goes_on(tmp_path):
     from pgran.studies import growth
 

@@ -72,6 +72,9 @@ class Case(ABC):
         matrix. Beyond them it is coarsened further, whatever `coarsest` says.
     walls_of_local_fluidity : tuple of str
         Sides where g = g_loc takes the place of the fluidity equation. Their ends must be periodic.
+    free_surfaces : tuple of str
+        Sides where the pressure goes to zero. Close to them the fluidity source is integrated as a
+        function of the root of the distance.
     rests : str or None
         Why nothing flows in this case, in words, where that is known beforehand.
     base_gradient : ndarray, (2, 2)
@@ -97,6 +100,7 @@ class Case(ABC):
     stress_unit = "stress"
     fluidity_source = None
     walls_of_local_fluidity = ()
+    free_surfaces = ()
     rests = None
     observables = ()
     counted_by = "time"

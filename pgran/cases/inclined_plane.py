@@ -26,6 +26,7 @@ class InclinedPlane(_fixed.Layer):
         *_fixed.rows(wall_fluidity="zero"))
     stress_unit = "phi rho_s G d"
     walls = ("bottom",)
+    free_surfaces = ("top",)
     observables = {"shear_stress": "stress", "surface_speed": "d gdot0"}
 
     def __init__(self, parameters):

@@ -135,7 +135,14 @@ class Driver:
         self._last, self._creep = self._first_step, 1.0
         self._attempts, self._starting, self._failure = 0, False, None
         self._decay, self._guess, self._guarded = 0.0, None, False
-        self.at_rest, self._moving = False, bool(self._behind)  # a run that goes on has moved
+        if "repeat" in self._behind:
+            self._attempts = 1
+            self._failure = tuple(self._behind[name] for name in ("failure", "cure"))
+            self._decay = self._behind.get("decay", 0.0)
+        #: Whether the last step was faster than ``rest_speed``; a run that begins has none.
+        self._moving = state.dt is not None and self._fast(state)
+        self.at_rest = bool(self._behind.get("at_rest")) and self._rest_speed > 0.0 and (
+            not self._moving)
         self._time = self._behind.get("ts_time", 0.0 if steady else state.time)
         self.balance = None if steady else self._balance()
         self.ts = self._create_ts()
@@ -347,8 +354,11 @@ class Driver:
         u = self.grid.create_vector()
         self.grid.from_local(self.state.local, u)
         if not self.steady:
-            self.ts.setTimeStep(self.controller.start(
-                self.state.time, self._behind.get("wanted", self.ts.getTimeStep())))
+            first = self.controller.start(
+                self.state.time, self._behind.get("wanted", self.ts.getTimeStep()))
+            self.ts.setTimeStep(self._behind.get("repeat", first))
+            if self.at_rest:
+                self.controller.targets.clear()
             if self.controller.finished:
                 return
         try:
@@ -434,8 +444,9 @@ class Driver:
             self.state.time = target
         if not self.steady:
             ts.setTimeStep(self.controller.next(self.state.time, dt, departure.to_come))
-            if self._comes_to_rest(local):
-                self.at_rest = True
+            fast = self._fast(end)
+            self.at_rest, self._moving = self._moving and not fast, fast
+            if self.at_rest:
                 self.controller.targets.clear()
             if self.controller.finished:
                 ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
@@ -467,15 +478,16 @@ class Driver:
             ts.rollBack()
         ts.setTimeStep(dt)
 
-    def _comes_to_rest(self, local):
-        """Return whether the flow was faster than ``rest_speed`` and is no more. Collective."""
-        limit = getattr(self.parameters, "rest_speed", 0.0)
-        if not limit:
+    @property
+    def _rest_speed(self):
+        return getattr(self.parameters, "rest_speed", 0.0)
+
+    def _fast(self, state):
+        """Return whether a state is faster than ``rest_speed``; False if this is 0. Collective."""
+        if not self._rest_speed:
             return False
-        speed = velocity(self.form, local, self.state.x)[:, self.grid.nodes.owned]
-        fast = self.comm.allreduce(np.abs(speed).max(initial=0.0), MPI.MAX) > limit
-        stops, self._moving = self._moving and not fast, fast
-        return stops
+        speed = velocity(self.form, state.local, state.x)[:, self.grid.nodes.owned]
+        return self.comm.allreduce(np.abs(speed).max(initial=0.0), MPI.MAX) > self._rest_speed
 
     def _check_mesh(self, state):
         """Refuse a state whose mesh is turned inside out, or leaves its domain. Collective."""
@@ -527,11 +539,21 @@ class Driver:
                 ("newton_iterations", ts.getSNESIterations()),
                 ("linear_iterations", ts.getKSPIterations()))}}
 
-    def values(self):
-        """Return the numbers of a checkpoint: what a `Driver` needs as ``behind``. Collective."""
-        return {**self.cost(), **self.balance.values(), **self.state.values(self.grid),
-                "ts_time": self._time, "wanted": self.controller.wanted or self._first_step,
-                "perturbation": self._perturbation}
+    def values(self, repeat=True):
+        """Return the numbers of a checkpoint: what a `Driver` needs as ``behind``. Collective.
+
+        If the last attempt of the next step failed, they contain the size of the next attempt and
+        the reason, unless ``repeat`` is False. A restart then makes the same attempt. Without them
+        it begins with the step that is wanted, as it must after an error.
+        """
+        found = {**self.cost(), **self.balance.values(), **self.state.values(self.grid),
+                 "ts_time": self._time, "wanted": self.controller.wanted or self._first_step,
+                 "perturbation": self._perturbation, "at_rest": int(self.at_rest)}
+        if repeat and self._failure is not None:
+            found["repeat"] = self.ts.getTimeStep()
+            found["failure"], found["cure"] = self._failure
+            found["decay"] = self._decay if self._guess is None else 0.0
+        return found
 
     def fields(self):
         """Return the nodal fields of the last state, {name: (..., n_nodes)}, for `Writer.snapshot`.

@@ -113,9 +113,11 @@ class State:
     def of(cls, form, values, arrays):
         """Return the state that `values` and `arrays` describe, at the local points of a form."""
         grid, nodes, corners = form.grid, arrays["nodes"], arrays["corners"]
-        x, lattice = nodes["coordinates"].copy(), grid.nodes
-        for index, n, period in zip((lattice.i, lattice.j), lattice.shape, values["period"]):
-            x += np.outer(period, index // n)  # beyond the ends of a periodic grid
+        x, lattice = _initial_mesh(form), grid.nodes
+        if form.case.moving:
+            x = nodes["coordinates"].copy()
+            for index, n, period in zip((lattice.i, lattice.j), lattice.shape, values["period"]):
+                x += np.outer(period, index // n)  # beyond the ends of a periodic grid
         local, rate = (grid.join(nodes[f"velocity{kind}"], nodes.get(f"fluidity{kind}"),
                                  corners[f"pressure{kind}"]) for kind in ("", "_rate"))
         stress, earlier = (
@@ -291,7 +293,7 @@ def checkpoint_start(form):
     def accept(file):
         values = checkpoint.read_numbers(file, NUMBERS)
         counts, sizes = ([values.get(name, 1) for name in names] for names in (
-            ("steps", "history", "snapshots"), ("wanted", "dt")))
+            ("steps", "history", "snapshots"), ("wanted", "dt", "repeat")))
         if np.shape(values["period"]) != (DIM, DIM) or min(counts) < 0 or min(sizes) <= 0:
             raise ValueError("its numbers are those of no run")
         like = rest(form)

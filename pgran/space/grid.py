@@ -164,12 +164,14 @@ class Grid:
             [self.element_nodes * self.dof + field for field in range(self.dof)]
             + [self.n_flow + self.element_corners])
 
+    def layer(self, side):
+        """Return how many elements lie between the local elements and a side, (n_elements,) int."""
+        return {"left": self.element_i, "right": self.shape[0] - 1 - self.element_i,
+                "bottom": self.element_j, "top": self.shape[1] - 1 - self.element_j}[side]
+
     def side_elements(self, side):
         """Return the local elements, owned or not, that lie on a side of the domain."""
-        index, value = {"left": (self.element_i, 0), "right": (self.element_i, self.shape[0] - 1),
-                        "bottom": (self.element_j, 0), "top": (self.element_j, self.shape[1] - 1)
-                        }[side]
-        return np.flatnonzero(index == value)
+        return np.flatnonzero(self.layer(side) == 0)
 
     def side_nodes(self, side):
         """Return the local nodes (3, n) of the elements of `side_elements`, element on the left."""

@@ -143,6 +143,7 @@ class WeakForm:
             bool((self._yield_factor != 1.0).any()), MPI.LOR)
         self.laws = [self._law_of(batch) for batch in self.batches]
         self._walls = [self._walls_of(batch) for batch in self.batches]
+        self._surfaces = [self._surfaces_of(batch) for batch in self.batches]
         self.held = ~np.isnan(self.prescribed(0.0))
         self._lay_out_matrices()
 
@@ -162,6 +163,33 @@ class WeakForm:
             if here.size:
                 walls.append((side, here, self._law_of(batch.start + here)))
         return walls
+
+    def _surfaces_of(self, batch):
+        """The elements of a batch close to free surfaces: (rule, places (m,), their law).
+
+        An element that is close to two of them has the rule of the closer one.
+        """
+        if not (self.grid.has_fluidity and self.case.free_surfaces):
+            return []
+        sides = self.case.free_surfaces
+        layers = np.array([self.grid.layer(side)[batch] for side in sides])
+        surfaces = []
+        for number, side in enumerate(sides):
+            mine = layers.argmin(axis=0) == number
+            for layer, rule in enumerate(element.SURFACES[side]):
+                here = np.flatnonzero(mine & (layers[number] == layer))
+                if here.size:
+                    surfaces.append((rule, here, self._law_of(batch.start + here)))
+        return surfaces
+
+    def _source_weight(self, weight, number):
+        """The Gauss weights (points, n) of the fluidity source, zero where another rule holds."""
+        if not self._surfaces[number]:
+            return weight
+        weight = weight.copy()
+        for _, here, _ in self._surfaces[number]:
+            weight[:, here] = 0.0
+        return weight
 
     def increment(self, x, stress, theta, time, rate_from=None):
         """Return the `Increment` that ends at a time.
@@ -448,17 +476,21 @@ class WeakForm:
                     v * slope for v, slope in zip(p.total_velocity, p.gradients[i])))
         if self.grid.has_fluidity:
             flux = self.material.model.diffusion * p.geometry.gradient(p.nodal_g)
-            source = p.response.source.value
+            source = self._source_weight(weight, number) * p.response.source.value
             if case.fluidity_source is not None:
-                source = source - case.fluidity_source(p.x)
+                source -= weight * case.fluidity_source(p.x)
             out[blocks["g"]] = (slopes @ p.geometry.pull_back(flux).reshape(DIM * POINTS, -1)
-                                + element.SHAPE.T @ (weight * source))
+                                + element.SHAPE.T @ source)
+            for rule, here, law in self._surfaces[number]:
+                surface = SurfacePoints(self, p, rule, here, law)
+                out[blocks["g"]][:, here] += surface.tests.T @ (
+                    surface.weight * surface.value.value)
             if self.storage["fluidity"]:
                 store(blocks["g"], self.storage["fluidity"])
             for side, here, law in self._walls[number]:
                 wall = WallPoints(self, p, side, here, law)
                 out[(blocks["g"].start + wall.nodes)[:, None], here] = (
-                    wall.tests.T @ (wall.weight * wall.lag.value))
+                    wall.tests.T @ (wall.weight * wall.value.value))
         out[blocks["P"]] = -element.CORNER_SHAPE.T @ (weight * p.divergence)
 
     # Jacobian
@@ -589,9 +621,11 @@ class WeakForm:
         """
         p, rows = self.points(local, increment, number), self._rows
         viscosity, source, geometry = p.response.viscosity, p.response.source, p.geometry
+        surfaces = [SurfacePoints(self, p, *surface, defect) for surface in self._surfaces[number]]
         if defect is not None:
             source = p.chord_source(element.SHAPE @ defect[p.nodes])
         weight, inverse, n = geometry.weight, geometry.inverse, p.elements
+        source_weight = self._source_weight(weight, number)
 
         def put(row, column, table, factors):
             np.matmul(table, factors.reshape(table.shape[1], n), out=out[rows[row, column]])
@@ -628,42 +662,51 @@ class WeakForm:
             put("P", row, element.CORNER_SLOPE, -weight * inverse[i])
             if self.grid.has_fluidity:
                 put(row, "g", element.SLOPE_VALUE, viscosity.fluidity * along)
-                put("g", row, element.VALUE_SLOPE, weight * source.rate * turned[i])
+                put("g", row, element.VALUE_SLOPE, source_weight * source.rate * turned[i])
         if self.grid.has_fluidity:
             put("g", "g", element.SLOPE_SLOPE, self.material.model.diffusion * weight * metric)
-            out[rows["g", "g"]] += element.VALUE_VALUE @ (weight * source.fluidity)
+            out[rows["g", "g"]] += element.VALUE_VALUE @ (source_weight * source.fluidity)
             if self.storage["fluidity"]:
                 out[rows["g", "g"]] += mass("fluidity")
-            put("g", "P", element.VALUE_CORNER, weight * source.pressure)
-            for wall in self._walls[number]:
-                self._wall_tangents(p, *wall, out)
+            put("g", "P", element.VALUE_CORNER, source_weight * source.pressure)
+            for surface in surfaces:
+                for place, values in self._rule_tangents(p, surface):
+                    out[place, surface.here] += values
+            for side, here, law in self._walls[number]:
+                # The rows of the fluidity of wall nodes are those of g = g_loc.
+                for place, values in self._rule_tangents(
+                        p, WallPoints(self, p, side, here, law)):
+                    out[place, here] = values
 
-    def _wall_tangents(self, p, side, here, law, out):
-        """Replace the rows of the fluidity of wall nodes by those of g = g_loc."""
-        wall, rule = WallPoints(self, p, side, here, law), element.SIDES[side]
-        weight, lag, mu = wall.weight, wall.lag, p.stress_ratio_slopes()
+    def _rule_tangents(self, p, found):
+        """Yield where the derivatives of the rows of `RulePoints` belong, and these.
+
+        Entries (nodes, columns, 1) of the element matrices, and values (nodes, columns, m).
+        """
+        rule, here, value = found.rule, found.here, found.value
+        weight, mu = found.weight, p.stress_ratio_slopes()
         turned = p.direction_pulled_back()[..., here]
 
         def at(values):
             return np.broadcast_to(values, p.gdot.shape)[:, here]
 
-        # mu = viscosity gdot/P at the Gauss points; what it changes reaches the wall through it.
-        by_mu = np.einsum("qa,qe,qp->ape", wall.tests, weight * lag.rate, rule.from_gauss)
+        # mu = viscosity gdot/P at the Gauss points; what changes it there changes it at the rule's.
+        by_mu = np.einsum("qa,qe,qp->ape", found.tests, weight * value.rate, rule.from_gauss)
         changes, rate = {"P": at(mu.pressure), "g": at(mu.fluidity)}, at(mu.rate)
         factors = {}
         for name, volume, shape, change in (
-                ("P", element.CORNER_SHAPE, rule.corner_shape, lag.pressure),
-                ("g", element.SHAPE, rule.shape, lag.fluidity)):
+                ("P", element.CORNER_SHAPE, rule.corner_shape, value.pressure),
+                ("g", element.SHAPE, rule.shape, value.fluidity)):
             factors[name] = (
                 np.einsum("ape,pe,pb->abe", by_mu, changes[name], volume)
-                + np.einsum("qa,qb,qe->abe", wall.tests, shape, weight * change))
+                + np.einsum("qa,qb,qe->abe", found.tests, shape, weight * change))
         for i, column in enumerate(self.grid.velocities):
             factors[column] = np.einsum("ape,rpb,rpe->abe", by_mu, element.SHAPE_SLOPE,
                                         rate * turned[i])
         for column, values in factors.items():
-            block = self._rows["g", column]
-            place = block.start + wall.nodes[:, None] * values.shape[1] + np.arange(values.shape[1])
-            out[place[:, :, None], here] = values
+            first, columns = self._rows["g", column].start, values.shape[1]
+            place = first + found.nodes[:, None] * columns + np.arange(columns)
+            yield place[:, :, None], values
 
     def pressure_mass(self, local, increment, matrix):
         """Fill ``matrix`` with -(q, P/viscosity), close to the pressure Schur complement.
@@ -795,31 +838,62 @@ class BatchPoints:
                          n12 * inverse[0] + n22 * inverse[1]])
 
 
-class WallPoints:
-    """The condition g = g_loc at the Gauss points of the sides of elements on a wall.
+class RulePoints:
+    """Points of another rule in some elements of a batch.
 
     mu comes from the Gauss points of the volume, where equilibrium holds it, by the biquadratic
-    through them: the strain rate at the wall itself would be divided by a fluidity that may vanish.
+    through them: the strain rate elsewhere would be divided by a fluidity or a pressure that may
+    vanish there.
 
     Attributes
     ----------
-    nodes : ndarray, (3,)
-        The nodes of an element on the wall.
-    tests : ndarray, (side points, 3)
+    rule : pgran.space.element.Rule
+    here : ndarray, (m,)
+        Places of the elements in the batch.
+    nodes : ndarray, (k,)
+        The nodes of an element whose rows have this value.
+    tests : ndarray, (rule points, k)
         Their shape functions.
-    weight : ndarray, (side points, m)
-        Positive weights of the m elements.
-    lag : pgran.material.models.Quantity
-        g - g_loc, (side points, m).
+    weight : ndarray, (rule points, m)
+        Positive weights.
+    arguments : tuple
+        The law, s, mu, P and g at the points, as a model takes them.
+    value : pgran.material.models.Quantity
+        What is integrated, (rule points, m), with its derivatives with respect to mu, P and g.
     """
 
-    def __init__(self, form, p, side, here, law):
-        rule, blocks = element.SIDES[side], form.grid.blocks
-        self.nodes = np.array(element.SIDE_NODES[side])
+    def __init__(self, form, p, rule, here, law, nodes):
+        self.rule, self.here, self.nodes, blocks = rule, here, np.array(nodes), form.grid.blocks
         self.tests = rule.shape[:, self.nodes]
         self.weight = element.Geometry(p.nodal_x[..., here], rule).weight
         P = rule.corner_shape @ p.nodal[blocks["P"]][:, here]
-        self.lag = form.material.model.lag(
-            law, form.material.inverse_time(P),
-            rule.from_gauss @ p.response.stress_ratio[:, here], P,
-            rule.shape @ p.nodal_g[:, here])
+        self.arguments = (law, form.material.inverse_time(P),
+                          rule.from_gauss @ p.response.stress_ratio[:, here], P,
+                          rule.shape @ p.nodal_g[:, here])
+
+
+class WallPoints(RulePoints):
+    """The condition g = g_loc at the Gauss points of the sides of elements on a wall.
+
+    ``value`` is g - g_loc.
+    """
+
+    def __init__(self, form, p, side, here, law):
+        super().__init__(form, p, element.SIDES[side], here, law, element.SIDE_NODES[side])
+        self.value = form.material.model.lag(*self.arguments)
+
+
+class SurfacePoints(RulePoints):
+    """The source F of the fluidity equation close to a free surface.
+
+    F is singular there if it contains g^2/s, since s goes to zero like the root of the depth. With
+    a ``defect`` (n_nodes,) the slope in mu is that of the `chord`, as in `WeakForm.jacobian`.
+    """
+
+    def __init__(self, form, p, rule, here, law, defect=None):
+        super().__init__(form, p, rule, here, law, range(NODES))
+        model = form.material.model
+        self.value = model.source(*self.arguments)
+        if defect is not None:
+            self.value.rate = chord(self.value.rate, model.curvature(*self.arguments),
+                                    -(rule.shape @ defect[p.nodes[:, here]]))

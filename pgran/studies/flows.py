@@ -1,9 +1,10 @@
 """Do the steady flows reach their one-dimensional references? flows [directory]
 
-Planar shear with gravity, the chute, the ring and the slope for LI and NGF with both laws, on
-graded meshes, and the inputs that Henann & Kamrin (2016) published. The tables have the largest
-errors of velocity and fluidity at the nodes over their maxima, and the orders from mesh to mesh.
-flow_CASE.png shows each flow beside its profile. About ten minutes on two cores.
+Planar shear with gravity, the chute, the ring and the slope for LI and NGF with both laws, the
+slope for the primitive form, on graded meshes, and the inputs that Henann & Kamrin (2016)
+published. The tables have the largest errors of velocity and fluidity at the nodes over their
+maxima, and the orders from mesh to mesh. flow_CASE.png shows each flow beside its profile. About
+ten minutes on two cores.
 """
 
 from pathlib import Path
@@ -39,6 +40,12 @@ FLOWS = (
     ("slope", "inclined_plane",
      ("-pgran_height", 10, "-pgran_slope", 24, "-pgran_grading", 2),
      (0.5, 0.25, 0.125, 0.0625), MODELS),
+    ("slope of 26 degrees", "inclined_plane",
+     ("-pgran_height", 10, "-pgran_slope", 26, "-pgran_grading", 2),
+     (0.5, 0.25, 0.125, 0.0625), ("ngf_primitive",)),
+    ("slope of 23 degrees", "inclined_plane",
+     ("-pgran_height", 4, "-pgran_slope", 23, "-pgran_grading", 2),
+     (0.5, 0.25, 0.125, 0.0625), ("ngf_primitive",)),
     ("planar shear, published", "planar_shear",
      ("-pgran_height", LAYER, "-pgran_gravity", 1.0 / PLATE, "-pgran_phi", PHI, "-pgran_grading", 2,
       "-pgran_inertial_number", SPEED / (LAYER * np.sqrt(PLATE * PHI))),
