@@ -80,16 +80,12 @@ def scale(values, style):
 
 
 def draw(axes, snapshot, name, norm, style, values=None):
-    """Draw a quantity of a snapshot into axes; return what `Figure.colorbar` takes."""
-    result, closed = snapshot.result, snapshot.result.closed
-    values = snapshot[name] if values is None else values
+    """Draw a quantity of a snapshot into axes; return what `Figure.colorbar` takes.
 
-    def whole(field):
-        extra = [(0, int(wrap)) for wrap in closed[::-1]] + [(0, 0)] * (field.ndim - 2)
-        return np.pad(field, extra, mode="wrap")
-
-    x = whole(snapshot.x)
-    shown = whole(values)
+    ``values`` are those of the quantity on the nodes of ``snapshot.whole``, if they are known.
+    """
+    result, whole = snapshot.result, snapshot.whole
+    x, shown = whole.x, whole[name] if values is None else values
     if style.log:
         shown = np.maximum(shown, norm.vmin)
     drawn = axes.pcolormesh(x[..., 0], x[..., 1], shown, shading="gouraud", cmap=COLOURS,
@@ -101,8 +97,8 @@ def draw(axes, snapshot, name, norm, style, values=None):
         outline(axes, result, snapshot)
     if style.arrows:
         step = max(1, max(x.shape[:2]) // ARROWS)
-        (x1, x2), (v1, v2) = (np.moveaxis(whole(field)[::step, ::step], -1, 0)
-                              for field in (snapshot.x, snapshot.stored("velocity")))
+        (x1, x2), (v1, v2) = (np.moveaxis(field[::step, ::step], -1, 0)
+                              for field in (x, whole.stored("velocity")))
         axes.quiver(x1, x2, v1, v2, color="white", edgecolor="black", linewidth=0.3, width=0.004)
     if style.band:
         band_line(axes, snapshot)
@@ -115,7 +111,7 @@ def draw(axes, snapshot, name, norm, style, values=None):
 
 def outline(axes, result, snapshot):
     """Draw where the sides of the material were at the start."""
-    ny, nx = snapshot.x.shape[:2]
+    ny, nx = snapshot.whole.x.shape[:2]
     around = np.concatenate([
         [(i, 0) for i in range(nx)], [(nx - 1, j) for j in range(ny)],
         [(i, ny - 1) for i in reversed(range(nx))], [(0, j) for j in reversed(range(ny))]]).T
@@ -128,7 +124,7 @@ def band_line(axes, snapshot):
     if found["angle"] is None:
         axes.text(0.5, 0.02, "no band crosses", transform=axes.transAxes, ha="center", fontsize=8)
         return
-    x = snapshot.x[..., 0]
+    x = snapshot.whole.x[..., 0]
     ends = np.array([x.min(), x.max()])
     angle = np.radians(found["angle"])
     middle = found["position"] + np.tan(angle) * (ends - ends.mean())
@@ -151,9 +147,9 @@ def panels(chosen, name, style):
         The quantity.
     style : Style
     """
-    fields = [snapshot[name] for snapshot in chosen]
+    fields = [snapshot.whole[name] for snapshot in chosen]
     norm = scale(fields, style)
-    spans = [np.ptp(snapshot.x.reshape(-1, 2), axis=0) for snapshot in chosen]
+    spans = [np.ptp(snapshot.whole.x.reshape(-1, 2), axis=0) for snapshot in chosen]
     unit = SIDE / max(max(span) for span in spans)
     wide = [max(span[0] * unit, 1.2) for span in spans]
     figure = Figure(figsize=(sum(wide) + 0.9 * len(wide) + 1.3,
@@ -190,7 +186,7 @@ def pictures(path, name="inertial_number", style=Style(), suffix=".png", which=N
     """
     result, written = Result(path), []
     chosen = snapshots_of(result, which)
-    norm = scale([snapshot[name] for snapshot in result.snapshots], style)
+    norm = scale([snapshot.whole[name] for snapshot in result.snapshots], style)
     style = replace(style, limits=(norm.vmin, norm.vmax))
     more = "" if name == "inertial_number" else f"_{name}"
     for snapshot in chosen:
@@ -231,10 +227,11 @@ def along_line(snapshot, name, ends, points=400):
     first, last = np.reshape(ends, (2, 2))
     share = np.linspace(0.0, 1.0, points)
     at = first + share[:, None] * (last - first)
-    quads = cells(snapshot.x.shape[:2], snapshot.result.closed)
-    mesh = Triangulation(*snapshot.x.reshape(-1, 2).T,
+    whole = snapshot.whole
+    quads = cells(whole.x.shape[:2])
+    mesh = Triangulation(*whole.x.reshape(-1, 2).T,
                          np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
-    found = LinearTriInterpolator(mesh, snapshot[name].ravel())(*at.T)
+    found = LinearTriInterpolator(mesh, whole[name].ravel())(*at.T)
     return share * np.hypot(*(last - first)), found.filled(np.nan)
 
 
@@ -295,11 +292,11 @@ def movie(result, name, style, target, rate=8):
     if len(result.snapshots) < 2:
         raise OptionError(f"-movie {target}: {result.path} holds {len(result.snapshots)} snapshots;"
                           " a movie needs two, and better fifty (the option snapshots of a run)")
-    norm = scale([snapshot[name] for snapshot in result.snapshots], style)
-    tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.x[..., 1]))
+    norm = scale([snapshot.whole[name] for snapshot in result.snapshots], style)
+    tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.whole.x[..., 1]))
     figure = panels([tallest], name, replace(style, limits=(norm.vmin, norm.vmax)))
     axes = figure.axes[0]
-    every = np.concatenate([snapshot.x.reshape(-1, 2) for snapshot in result.snapshots])
+    every = np.concatenate([snapshot.whole.x.reshape(-1, 2) for snapshot in result.snapshots])
     low, high = every.min(axis=0), every.max(axis=0)
 
     def frame(number):
