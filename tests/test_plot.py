@@ -188,6 +188,24 @@ def test_every_quantity_is_there_and_drawn_in_every_format(path, snapshot):
     assert "omega" in text or "ω" in text
 
 
+def test_labels_have_the_units_of_what_they_name(snapshot):
+    result = snapshot.result
+    for name, wanted in (("spin", r"$\omega$ ($\dot\gamma_0$)"), ("strain", r"$\gamma$"),
+                         ("speed", r"$|v|$ (d $\dot\gamma_0$)"),
+                         ("pressure", r"$P$ ($|\sigma_1|$)"),
+                         ("stress_tensor", r"stress_tensor ($|\sigma_1|$)")):
+        assert pictures.label(result, name) == wanted
+    for name, unit in (("work", "|sigma_1| d^2"), ("energy_error", ""), ("time", "1/gdot0")):
+        assert result.history_units[name] == unit
+    assert pictures.with_unit("torque", "P_w d^2") == "torque ($P_w$ d$^2$)"
+
+
+def test_the_distance_to_yield_needs_a_yield_value(snapshot, monkeypatch):
+    monkeypatch.setattr(type(snapshot.result.case.law), "yield_ratio", 0.0)
+    with pytest.raises(ResultError, match="its law bingham has no yield value"):
+        snapshot["above_yield"]
+
+
 def test_a_profile_is_the_field_along_the_line(snapshot):
     snapshot._read["known"] = 3.0 * snapshot.x[..., 1]
     distance, values = pictures.along_line(snapshot, "known", (4.0, 2.0, 4.0, 22.0))

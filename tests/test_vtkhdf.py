@@ -5,7 +5,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from conftest import pgran as run_pgran, run_ranks
+from conftest import ROOT, discretised, pgran as run_pgran, run_ranks
 
 import pgran
 from pgran.output import results, vtkhdf
@@ -200,9 +200,42 @@ def test_every_dataset_has_its_unit(path):
         for group in (file["history"], *file["snapshots"].values()):
             for name, data in group.items():
                 assert "unit" in data.attrs, name
-        assert file["history/top_stress"].attrs["unit"] == "|sigma_1|"
-        assert file["snapshots/0000/velocity"].attrs["unit"] == "d gdot0"
-        assert file["history/newton_iterations"].attrs["unit"] == ""
+        units = {name: data.attrs["unit"] for group in (file["history"], file["snapshots/0000"])
+                 for name, data in group.items()}
+        assert {name: unit for name, unit in units.items() if unit} == {
+            "time": "1/gdot0", "step_size": "1/gdot0", "work": "|sigma_1| d^2",
+            "dissipation": "|sigma_1| d^2", "stored_energy": "|sigma_1| d^2", "volume": "d^2",
+            "top_stress": "|sigma_1|", "coordinates": "d", "velocity": "d gdot0",
+            "fluidity": "gdot0", "pressure": "|sigma_1|", "deviator": "|sigma_1|",
+            "stress_tensor": "|sigma_1|", "strain_rate_tensor": "gdot0", "spin": "gdot0"}
+        assert not {"energy_error", "compression", "strain_tensor", "volume_change"} - set(units)
+        for name, unit in (("seconds", "s"), ("memory", "MB"), ("begun", "s")):
+            assert file.attrs[f"{name}_unit"] == unit
+
+
+def test_a_file_with_a_wrong_unit_has_the_right_one_once_a_run_goes_on(path, tmp_path):
+    older = tmp_path / "older.h5"
+    for found in path.parent.glob("small.*h5"):
+        shutil.copy(found, tmp_path / found.name.replace("small", "older"))
+    with h5py.File(older, "r+") as file:
+        file["history/energy_error"].attrs["unit"] = "|sigma_1| d^2"
+    run_pgran(1, "biaxial.opts", older, *SMALL[:4], "-pgran_restart", older, "-pgran_compression",
+              0.0012, "-pgran_progress", "quiet")
+    assert pgran.open(older).history_units["energy_error"] == ""
+
+
+@pytest.mark.parametrize("case, units", [
+    ("planar_shear", {"shear_stress": "P_w"}), ("annular_shear", {"torque": "P_w d^2"}),
+    ("vertical_chute", {"shear_stress": "P_w", "mean_speed": "d gdot0"}),
+    ("inclined_plane", {"shear_stress": "phi rho_s G d", "surface_speed": "d gdot0"}),
+    (f"{ROOT}/docs/examples/planar_shear.py:PlanarShear", {"shear_stress": "P_w"})])
+def test_observables_have_their_units(tmp_path, case, units):
+    form = discretised(case=case)
+    writer = results.Writer(tmp_path / "run.h5", form)
+    writer.begin()
+    writer.close()
+    found = pgran.open(tmp_path / "run.h5").history_units
+    assert {name: found[name] for name in form.case.observables} == units
 
 
 def test_older_formats_are_read_and_later_ones_are_refused(path, tmp_path):

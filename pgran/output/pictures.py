@@ -26,7 +26,9 @@ matplotlib.rcParams["svg.fonttype"] = "none"  # text of an SVG stays text
 #: Formats of pictures and of movies.
 FORMATS, MOVIES = ("png", "svg", "pdf"), (".gif", ".mp4")
 COLOURS = "viridis"
-SIGMA = r"$|\sigma_1|$"
+#: Parts of units in the notation of matplotlib.
+NOTATION = {"|sigma_1|": r"$|\sigma_1|$", "gdot0": r"$\dot\gamma_0$", "P_w": "$P_w$",
+            "phi rho_s G d": r"$\phi\rho_s G d$", "^2": "$^2$"}
 #: Inches of the longer side of a panel, and pixels an inch.
 SIDE, DPI = 5.5, 150
 #: Arrows along the longer side of a panel.
@@ -58,12 +60,16 @@ class Style:
 
 
 def label(result, name):
-    """Return how a quantity is labelled, with its unit."""
-    if name not in QUANTITIES:
-        return name
-    unit = result.unit(name)
-    return f"${QUANTITIES[name].symbol}$" + (f" ({unit.replace('|sigma_1|', SIGMA)})"
-                                             if unit else "")
+    """Return how a quantity or a field is labelled, with its unit."""
+    symbol = f"${QUANTITIES[name].symbol}$" if name in QUANTITIES else name
+    return with_unit(symbol, result.unit(name))
+
+
+def with_unit(text, unit):
+    """Return a label with its unit in the notation of matplotlib, (str)."""
+    for part, notation in NOTATION.items():
+        unit = unit.replace(part, notation)
+    return f"{text} ({unit})" if unit else text
 
 
 def scale(values, style):
@@ -256,8 +262,9 @@ def curves(results, names, target):
             if column not in result.history:
                 raise OptionError(f"-history {column}: {result.path} has "
                                   + ", ".join(sorted(result.history)))
-    figure, planes = curves_figure(
-        counted if counted != "time" else r"time ($1/\dot\gamma_0$)", names)
+    units = results[0].history_units
+    figure, planes = curves_figure(with_unit(counted, units[counted]),
+                                   [with_unit(name, units[name]) for name in names])
     for axes, name in zip(planes, names):
         for result in results:
             axes.plot(result.history[counted], result.history[name], label=result.path.stem)

@@ -65,25 +65,25 @@ def _strain(snapshot):
 
 def _above_yield(snapshot):
     ratio = snapshot.result.case.law.yield_ratio
-    if ratio is None:
-        raise ResultError(snapshot.result.path, "its law has no yield value; there is no "
-                          "above_yield")
+    if not ratio:
+        raise ResultError(snapshot.result.path, f"its law {snapshot.result.parameters.law} has no "
+                          "yield value; there is no above_yield")
     return snapshot.stored("stress_ratio") - ratio
 
 
 #: All quantities by name.
 QUANTITIES = {
     "inertial_number": Quantity("I", "", "inertial number", _stored("inertial_number")),
-    "fluidity": Quantity("g", r"$\dot\gamma_0$", "fluidity", _stored("fluidity")),
+    "fluidity": Quantity("g", "gdot0", "fluidity", _stored("fluidity")),
     "pressure": Quantity("P", "stress", "pressure", _stored("pressure")),
     "stress_ratio": Quantity(r"\mu", "", "stress ratio tau/P", _stored("stress_ratio")),
     "above_yield": Quantity(r"\mu - \mu_s", "", "distance to yield", _above_yield),
-    "speed": Quantity("|v|", r"$d\,\dot\gamma_0$", "size of the velocity", _speed),
-    "velocity_1": Quantity("v_1", r"$d\,\dot\gamma_0$", "velocity along x1", _part("velocity", 0)),
-    "velocity_2": Quantity("v_2", r"$d\,\dot\gamma_0$", "velocity along x2", _part("velocity", 1)),
-    "strain_rate": Quantity(r"\dot\gamma", r"$\dot\gamma_0$", "equivalent shear rate sqrt(2 D:D)",
+    "speed": Quantity("|v|", "d gdot0", "size of the velocity", _speed),
+    "velocity_1": Quantity("v_1", "d gdot0", "velocity along x1", _part("velocity", 0)),
+    "velocity_2": Quantity("v_2", "d gdot0", "velocity along x2", _part("velocity", 1)),
+    "strain_rate": Quantity(r"\dot\gamma", "gdot0", "equivalent shear rate sqrt(2 D:D)",
                             _strain_rate),
-    "spin": Quantity(r"\omega", r"$\dot\gamma_0$", "spin (d v2/d x1 - d v1/d x2)/2",
+    "spin": Quantity(r"\omega", "gdot0", "spin (d v2/d x1 - d v1/d x2)/2",
                      lambda snapshot: snapshot.strain_field("spin")),
     "strain": Quantity(r"\gamma", "", "equivalent shear strain since the start, ln(l1/l2) of the "
                        "principal stretches", _strain),
@@ -113,6 +113,8 @@ class Result:
         The same, {name: value}, without the prefix.
     history : dict
         {name: ndarray (steps,)}, one entry for each accepted step.
+    history_units : dict
+        {name: str}, the units of the history; empty for a pure number.
     snapshots : list of Snapshot
 
     Raises
@@ -127,6 +129,8 @@ class Result:
             self.attributes = dict(file.attrs)
             self.parameters = stored_parameters(file)
             self.history = {name: data[...] for name, data in file.get("history", {}).items()}
+            self.history_units = {name: str(data.attrs.get("unit", ""))
+                                  for name, data in file.get("history", {}).items()}
             self.snapshots = [Snapshot(self, name, dict(group.attrs))
                               for name, group in sorted(file["snapshots"].items())]
         self.options = {row.name: getattr(self.parameters, row.name)
@@ -164,9 +168,16 @@ class Result:
             return np.zeros((2, 2))
 
     def unit(self, name):
-        """Return the unit of a quantity of `QUANTITIES`, empty where it has none."""
-        unit = QUANTITIES[name].unit
-        return self.case.stress_unit if unit == "stress" else unit
+        """Return the unit of a quantity of `QUANTITIES` or of another field, empty if it has none.
+
+        Raises `ResultError` for a stress whose case is not found.
+        """
+        if name in QUANTITIES:
+            unit = QUANTITIES[name].unit
+            return self.case.stress_unit if unit == "stress" else unit
+        with opened(self.path) as file:
+            return next((str(group[name].attrs.get("unit", ""))
+                         for group in file["snapshots"].values() if name in group), "")
 
 
 class Snapshot:

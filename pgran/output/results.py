@@ -33,12 +33,17 @@ BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
 HISTORY = ("time", "step_size", "newton_iterations", "linear_iterations", "inertial_number_min",
            "inertial_number_max", *BALANCE)
 INTEGERS = ("newton_iterations", "linear_iterations")
-#: Units, where stress is that of the case; what is not here is a pure number.
-UNITS = {"coordinates": "d", "velocity": "d gdot0", "fluidity": "gdot0", "pressure": "stress",
-         "deviator": "stress", "stress_tensor": "stress", "strain_rate_tensor": "gdot0",
+#: Units of fields and of columns of the history, where stress is that of the case; what is not
+#: here is a pure number.
+UNITS = {"coordinates": "d", "displacement": "d", "velocity": "d gdot0", "speed": "d gdot0",
+         "fluidity": "gdot0", "pressure": "stress", "deviator": "stress",
+         "stress_tensor": "stress", "strain_rate_tensor": "gdot0", "spin": "gdot0",
          "time": "1/gdot0", "step_size": "1/gdot0", "work": "stress d^2",
-         "dissipation": "stress d^2", "stored_energy": "stress d^2",
-         "energy_error": "stress d^2", "volume": "d^2"}
+         "dissipation": "stress d^2", "stored_energy": "stress d^2", "volume": "d^2"}
+#: Units of root attributes, which have them in a second attribute, NAME_unit.
+ATTRIBUTE_UNITS = {"growth_rate": "gdot0", "steady_residual": "stress d", "begun": "s",
+                   "seconds": "s", "memory": "MB", "scale_length": "m", "scale_stress": "Pa",
+                   "scale_time": "s"}
 #: What the names of the fields of the flow begin with that a mode was found about.
 BASE = "base_"
 #: Largest share of the time that writing the history takes.
@@ -146,13 +151,12 @@ class Writer:
                 snapshots, fields = source.cut(file, self._columns)
             for name in self._columns:
                 if name not in file["history"]:
-                    column = file["history"].create_dataset(
+                    file["history"].create_dataset(
                         name, shape=(0,), maxshape=(None,), chunks=(1024,),
                         dtype="i8" if name in INTEGERS else "f8")
-                    column.attrs["unit"] = self._unit(name)
+                file["history"][name].attrs["unit"] = self._unit(name)
             link(file, self.case.closed)
-            for name, value in attributes.items():
-                file.attrs[name] = value
+            self._set_attributes(file, attributes)
             if "cells" not in file:
                 file["cells"] = cells(self.grid.nodes.shape[::-1], self.case.closed)
             kept = None if same else self._make_room()
@@ -170,6 +174,14 @@ class Writer:
         unit = own.get(name, "") if isinstance(own, dict) and name in own else UNITS.get(
             name.removeprefix(BASE), "")
         return unit.replace("stress", self.case.stress_unit)
+
+    def _set_attributes(self, file, attributes):
+        """Set root attributes, {name: value}, with their units."""
+        for name, value in attributes.items():
+            file.attrs[name] = value
+            if name in ATTRIBUTE_UNITS:
+                file.attrs[f"{name}_unit"] = ATTRIBUTE_UNITS[name].replace(
+                    "stress", self.case.stress_unit)
 
     def _make_room(self):
         """Rename an earlier file, its XDMF and its checkpoints; return the new name."""
@@ -226,8 +238,7 @@ class Writer:
                     done = data.shape[0]
                     data.resize((len(values),))
                     data[done:] = values[done:]
-            for name, value in attributes.items():
-                draft.file.attrs[name] = value
+            self._set_attributes(draft.file, attributes)
             if linked:
                 link(draft.file, self.case.closed)
         except BaseException:
@@ -352,7 +363,7 @@ class Source:
         names = sorted(groups)
         for name in names[self.snapshots:]:
             del groups[name]
-        for name in set(file.attrs) & ENDING:
+        for name in set(file.attrs) & (ENDING | {f"{name}_unit" for name in ENDING}):
             del file.attrs[name]
         kept = names[:self.snapshots]
         fields = {key: data.shape[2:] for key, data in groups[kept[0]].items() if
