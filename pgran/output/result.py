@@ -354,15 +354,15 @@ class Snapshot:
         """
         import pyvista
 
-        shown = self.continued(self.open_ends)
-        elements = q2_elements(shown.x.shape[:2], self.result.closed)
+        shown, shape = self.continued(self.open_ends), self.x.shape[:2]
+        order = np.argsort(numbers(shape, self.open_ends).ravel())
+        elements = q2_elements(shape, self.result.closed, self.open_ends)
         cells = np.hstack([np.full((len(elements), 1), NODES), elements])
-        points = np.pad(shown.x.reshape(-1, 2), ((0, 0), (0, 1)))
+        points = np.pad(shown.x.reshape(-1, 2)[order], ((0, 0), (0, 1)))
         grid = pyvista.UnstructuredGrid(
             cells.ravel(), np.full(len(cells), pyvista.CellType.BIQUADRATIC_QUAD), points)
         for name in names or self.names:
-            values = shown[name]
-            flat = values.reshape(len(points), -1)
+            flat = shown[name].reshape(len(points), -1)[order]
             grid[name] = flat.ravel() if flat.shape[1] == 1 else (
                 np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1] == 2 else flat)
         return grid
@@ -408,19 +408,39 @@ def cells(shape, closed=(False, False)):
     return np.stack([j * nx + i, j * nx + across, up * nx + across, up * nx + i], axis=1)
 
 
-def q2_elements(shape, closed=(False, False)):
+def q2_elements(shape, closed=(False, False), repeated=(False, False)):
     """Return the nodes (n, 9) of the Q2 elements on ``shape`` = (ny, nx) nodes, in VTK's order.
 
-    ``closed`` says whether the last nodes along x1 and x2 neighbour the first ones. On a grid that
-    is periodic without being closed in space the last elements have no end and are left out.
+    Parameters
+    ----------
+    shape : tuple of int
+    closed : tuple of bool
+        Whether the last nodes along x1 and x2 neighbour the first ones.
+    repeated : tuple of bool
+        Whether the first nodes are repeated at the end along x1 and x2, on a grid that is periodic
+        without being closed in space; otherwise its last elements have no end and are left out.
+        The repeated nodes are numbered after all others, as `numbers` has it.
     """
-    ny, nx = shape
+    node = numbers(shape, repeated)
+    ny, nx = node.shape
     wide, high = (n // 2 if wrap else (n - 1) // 2 for n, wrap in zip((nx, ny), closed))
     j, i = (2 * index.ravel() for index in np.mgrid[:high, :wide])
-    rows = [(j + up) % ny for up in range(3)]
-    columns = [(i + along) % nx for along in range(3)]
-    nodes = np.stack([row * nx + column for row in rows for column in columns], axis=1)
+    nodes = np.stack([node[(j + up) % ny, (i + along) % nx]
+                      for up in range(3) for along in range(3)], axis=1)
     return nodes[:, VTK_NODES]
+
+
+def numbers(shape, repeated):
+    """Return the numbers of ``shape`` = (ny, nx) nodes, row by row, and of repeated ones behind.
+
+    An array with one more column where the first nodes are ``repeated`` along x1, and with one more
+    row where they are along x2. These are numbered row by row too, after all others.
+    """
+    ny, nx = shape
+    found = np.full((ny + int(repeated[1]), nx + int(repeated[0])), -1)
+    found[:ny, :nx] = np.arange(ny * nx).reshape(shape)
+    found[found < 0] = np.arange(ny * nx, found.size)
+    return found
 
 
 def options_of(values):

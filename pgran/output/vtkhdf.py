@@ -26,8 +26,7 @@ def link(file, closed=(False, False)):
     """Let an open result file have all its snapshots as VTKHDF.
 
     On a grid that is periodic without being closed in space, the first nodes are repeated at the
-    end of the period. Where coordinates or velocity differ there by a constant, ``/repeated`` holds
-    them.
+    end of the period: ``/repeated/NNNN`` holds the fields there, see `repeat`.
 
     Parameters
     ----------
@@ -37,19 +36,19 @@ def link(file, closed=(False, False)):
         Whether the last nodes along x1 and x2 neighbour the first ones.
     """
     groups = [group for _, group in sorted(file["snapshots"].items())]
+    for name in set(file.get("repeated", ())) - set(file["snapshots"]):
+        del file["repeated"][name]
     if not groups:
         file.pop("VTKHDF", None)
-        file.pop("repeated", None)
         return
     shape = groups[0]["coordinates"].shape[:2]
-    ends = [_open_ends(group, closed) for group in groups]
-    repeated = tuple(map(all, zip(*ends)))
-    pieces = _pieces(shape, repeated)
-    whole = tuple(n + int(more) for n, more in zip(shape, repeated[::-1]))
-    nodes = int(np.prod(whole))
+    ends = tuple(map(all, zip(*(open_ends(group, closed) for group in groups))))
+    more = [repeat(file, group, ends) for group in groups] if any(ends) else []
+    elements = q2_elements(shape, closed, ends)
+    nodes = int(np.prod(shape)) + (len(more[0]["coordinates"]) if more else 0)
     root = file.require_group("VTKHDF")
     if "Types" not in root or root["NumberOfPoints"][0] != nodes:
-        _elements(root, whole, closed, nodes)
+        _elements(root, elements, nodes)
     for name in ("Points", "PointData", "Steps"):
         root.pop(name, None)
     steps = root.create_group("Steps")
@@ -61,22 +60,63 @@ def link(file, closed=(False, False)):
     for name in OFFSETS:
         two = none if name in OFFSETS[:2] else none[:, None]  # one for each kind of cells
         steps[name] = starts if name == "PointOffsets" else two
-    for name in set(file.get("repeated", ())) - set(file["snapshots"]):
-        del file["repeated"][name]
-    _virtual(root, "Points", [_sources(file, group, "coordinates", pieces) for group in groups],
-             nodes)
+
+    def sources(name):
+        return list(zip(*([group[name] for group in part] for part in (groups, more) if part)))
+
+    _virtual(root, "Points", sources("coordinates"), nodes)
     root.create_group("PointData")
     steps.create_group("PointDataOffsets")
     for name in groups[0]:
         if name != "coordinates" and all(name in group for group in groups):
-            _virtual(root["PointData"], name,
-                     [_sources(file, group, name, pieces) for group in groups], nodes)
+            _virtual(root["PointData"], name, sources(name), nodes)
             steps["PointDataOffsets"][name] = starts
 
 
-def _elements(root, shape, closed, nodes):
+def open_ends(group, closed):
+    """Return whether the grid of a snapshot (h5py.Group) is periodic without being closed in space.
+
+    Along x1 and x2, by the attribute ``period`` of its coordinates.
+    """
+    period = group["coordinates"].attrs.get("period", np.zeros((DIM, DIM)))
+    return tuple(not wrap and bool(np.any(shift)) for wrap, shift in zip(closed, period))
+
+
+def repeat(file, group, ends):
+    """Write the fields of a snapshot at the repeated nodes, unless they are there; return them.
+
+    Parameters
+    ----------
+    file : h5py.File
+        Where ``/repeated/NNNN`` lies.
+    group : h5py.Group
+        The snapshot. Fields with an attribute ``period`` change by it.
+    ends : tuple of bool
+        Along which of x1 and x2 the first nodes are repeated.
+
+    Returns
+    -------
+    h5py.Group
+        Fields (n, ...) in the order in which `q2_elements` numbers the repeated nodes.
+    """
+    found = file.require_group(f"repeated/{group.name.rsplit('/', 1)[-1]}")
+    for name, data in group.items():
+        if name in found:
+            continue
+        along, up = data.attrs.get("period", np.zeros(DIM))
+        parts = []
+        if ends[0]:
+            parts.append(data[:, 0] + along)
+        if ends[1]:
+            parts.append(data[0] + up)
+        if all(ends):
+            parts.append(data[:1, 0] + along + up)
+        found[name] = np.concatenate(parts)
+    return found
+
+
+def _elements(root, elements, nodes):
     """Write what does not change: the elements, and how many of everything there are."""
-    elements = q2_elements(shape, closed)
     count, size = elements.shape
     root.attrs["Version"] = np.array(VERSION, dtype="i8")
     kind = b"UnstructuredGrid"
@@ -91,75 +131,27 @@ def _elements(root, shape, closed, nodes):
         root[name] = values
 
 
-def _open_ends(group, closed):
-    """Whether the grid of a snapshot is periodic without being closed, along x1 and x2."""
-    period = group["coordinates"].attrs.get("period", np.zeros((DIM, DIM)))
-    return tuple(not wrap and bool(np.any(shift)) for wrap, shift in zip(closed, period))
-
-
-def _pieces(shape, repeated):
-    """The parts of a grid of ``shape`` = (ny, nx) nodes with its ``repeated`` first nodes.
-
-    {name: (nodes, places, axes)}: the places (slices) of nodes of the file, in whose order the
-    ``nodes`` (slice) of the grid are, and along which axes the part is moved by the period.
-    """
-    ny, nx = shape
-    right, top = repeated
-    wide, every, first = nx + int(right), slice(None), slice(0, 1)
-    found = {"inner": (h5py.MultiBlockSlice(0, wide, ny, nx) if right else slice(0, ny * nx),
-                       (every, every), ())}
-    if right:
-        found["right"] = slice(nx, ny * wide, wide), (every, first), (0,)
-    if top:
-        found["top"] = slice(ny * wide, ny * wide + nx), (first, every), (1,)
-    if right and top:
-        found["corner"] = slice(ny * wide + nx, (ny + 1) * wide), (first, first), (0, 1)
-    return found
-
-
-def _sources(file, group, name, pieces):
-    """The shape of the components of a field, and where the grid has its values from.
-
-    The latter is a list of the nodes (slice) of the grid, a virtual source, and the places (slices)
-    of these nodes in it, see `_pieces`.
-    """
-    data, found = group[name], []
-    period = data.attrs.get("period", np.zeros(DIM))
-    for piece, (nodes, places, axes) in pieces.items():
-        shift = sum(period[axis] for axis in axes)
-        if np.any(shift):
-            path = f"repeated/{group.name.rsplit('/', 1)[-1]}/{name}/{piece}"
-            if path not in file:
-                file[path] = data[places] + shift
-            stored, places = file[path], (slice(None), slice(None))
-        else:
-            stored = data
-        source = h5py.VirtualSource(".", stored.name, stored.shape, dtype="f8")
-        found.append((nodes, source, places))
-    return data.shape[2:], found
-
-
 def _virtual(root, name, sources, nodes):
-    """Make a dataset that shows one after the other what the ``sources`` of `_sources` hold."""
-    components = sources[0][0]
+    """Make a dataset that shows one after the other what the ``sources`` hold.
+
+    For each snapshot these are a field (ny, nx, ...), and perhaps the same field (n, ...) at the
+    repeated nodes; ``nodes`` is the number of all of them.
+    """
+    components = sources[0][0].shape[2:]
     wide = {(): (), (DIM,): (3,), (COMPONENTS,): (9,)}.get(components, components)
     layout = h5py.VirtualLayout((len(sources) * nodes, *wide), dtype="f8")
-    for number, (_, parts) in enumerate(sources):
-        for rows, source, places in parts:
-            rows = _moved(rows, number * nodes)
+    for number, parts in enumerate(sources):
+        first = number * nodes
+        for part in parts:
+            whole = h5py.VirtualSource(".", part.name, part.shape, dtype="f8")
+            count = part.size // int(np.prod(components, dtype=int))
+            rows, first = slice(first, first + count), first + count
             if not components:
-                layout[rows] = source[places]
+                layout[rows] = whole
             elif components == (COMPONENTS,):
-                for part, columns in enumerate(TENSOR):
-                    for column in columns:
-                        layout[rows, column] = source[(*places, part)]
+                for component, places in enumerate(TENSOR):
+                    for place in places:
+                        layout[rows, place] = whole[..., component]
             else:
-                layout[rows, :components[0]] = source[places]
+                layout[rows, :components[0]] = whole
     root.create_virtual_dataset(name, layout, fillvalue=0.0)
-
-
-def _moved(rows, by):
-    """A slice of h5py that begins later."""
-    if isinstance(rows, h5py.MultiBlockSlice):
-        return h5py.MultiBlockSlice(by + rows.start, rows.stride, rows.count, rows.block)
-    return slice(by + rows.start, by + rows.stop, rows.step)
