@@ -92,7 +92,7 @@ def test_tensors_are_those_of_the_flow(biaxial):
         shear = 2.0 * np.hypot((h11 - h22) / 2.0, h12)
         np.testing.assert_allclose(snapshot["strain"], shear, atol=1e-12 * shear.max())
         d11, d22, d12 = np.moveaxis(snapshot["strain_rate_tensor"], -1, 0)
-        rate = 2.0 * np.hypot((d11 - d22) / 2.0, d12)
+        rate = np.sqrt(2.0 * (d11**2 + d22**2) + 4.0 * d12**2)
         np.testing.assert_allclose(snapshot["strain_rate"], rate, atol=1e-12 * rate.max())
         (l11, l12), (l21, l22) = snapshot.velocity_gradient
         for stored, computed in ((d11, l11), (d22, l22), (d12, (l12 + l21) / 2.0),
