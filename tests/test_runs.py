@@ -12,6 +12,7 @@ from pgran.output import band
 from pgran.output.result import Result
 from pgran.output.results import HISTORY
 from pgran.studies import growth
+from pgran.studies.kill import SCALE_OF
 
 SMALL = "-pgran_element_size", 4
 #: Linear systems solved by options/biaxial.opts as exactly as MUMPS does.
@@ -30,9 +31,10 @@ def snapshot(path, number=-1):
 
 
 def differences(path, other):
-    """Largest difference of each field of the last snapshots over its largest value."""
+    """Largest difference of each field of the last snapshots over its scale."""
     (_, a), (_, b) = snapshot(path), snapshot(other)
-    return {name: np.abs(a[name] - b[name]).max() / np.abs(a[name]).max() for name in a}
+    return {name: np.abs(a[name] - b[name]).max() / np.abs(a[SCALE_OF.get(name, name)]).max()
+            for name in a}
 
 
 @pytest.fixture(scope="module")
