@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # How far the answer of the main job depends on what the paper does not state: stiffer elasticity,
-# half the element size, half the step limits, a larger inertial number.
+# half the element size, smaller steps, a larger inertial number.
 #
 #   bash jobs/verify.sh [directory: results/verify]
 #

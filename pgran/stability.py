@@ -29,6 +29,8 @@ from .options import OptionError
 from .theory import specimen, turning, waves
 from .theory.waves import BASE_FLOWS, Coefficients
 
+#: The model that -posedness is about.
+LOCAL = "li"
 ROWS = (
     own("wave_vector", "floats", "wave vector A d k (sqrt(nu_I) d k for IG), 2 or 3 numbers"),
     own("cutoff", "flag", "find the cut-off and the fastest wave vector", False),
@@ -94,7 +96,7 @@ def analyse(parameters, asked):
         if getattr(asked, name) and questions != [question]:
             raise OptionError(f"-{name}: allowed only with -{question}")
     if questions == ["posedness"]:
-        return {**given, **posedness(law, parameters.inertial_number)}
+        return {**given, "model": LOCAL, **posedness(law, parameters.inertial_number)}
     if model is None:
         raise OptionError(f"-pgran_model {parameters.model}: it has no linear theory")
     if questions == ["specimen"]:
@@ -119,7 +121,7 @@ def analyse(parameters, asked):
 def posedness(law, I0):
     """Return C at an inertial number, and the ranges in which the law is ill-posed for LI."""
     ranges = waves.ill_posed_ranges(law)
-    found = {"C": float(waves.long_wave_excess(Coefficients.of(law, "li", I0))),
+    found = {"C": float(waves.long_wave_excess(Coefficients.of(law, LOCAL, I0))),
              "well_posed": not any(low <= I0 <= high for low, high in ranges),
              "ill_posed_ranges": [[_number(low), _number(high)] for low, high in ranges]}
     for name in ("I_1", "A_minus"):
@@ -196,6 +198,8 @@ def run(parameters, asked):
     if asked.json:
         print(as_json(found))
         return
+    if asked.posedness:
+        print("the local rheology LI in plane flow, whatever -pgran_model is:")
     for key, value in found.items():
         text = "not a number: the denominator vanishes, growth is unbounded, or all is stable" \
             if value is None else f"{value:.10g}" if isinstance(value, float) else value

@@ -104,6 +104,8 @@ def test_mode_is_written_and_drawn(tmp_path):
         group = file["snapshots/0000"]
         velocity = group["velocity"][...]
         assert file.attrs["growth_rate"] == pytest.approx(354.46, abs=0.1)
+        assert file.attrs["growth_rate_unit"] == "gdot0"
+        assert group["speed"].attrs["unit"] == "d gdot0"
     # A transverse wave: one wavelength each way, normal to k.
     k = np.array([0.0648, 0.0530])
     spectrum = np.abs(np.fft.fft2(velocity[..., 0]))

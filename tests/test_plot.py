@@ -11,7 +11,8 @@ from conftest import ROOT, run_ranks
 import pgran
 from pgran import plot, watch
 from pgran.output import pictures
-from pgran.output.result import QUANTITIES, Result, nodal_slope, q2_elements
+from pgran.output.reading import ResultError
+from pgran.output.result import QUANTITIES, Result, q2_elements
 
 SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.002,
          "-pgran_snapshots", "0.001,0.002", "-pgran_progress", "quiet")
@@ -60,22 +61,94 @@ def test_files_side_by_side_have_one_scale(path):
         assert colour(figure, axes, (4.0, 10.0)) == pytest.approx(shades(share), abs=0.02)
 
 
-def test_gradients_are_those_of_the_parabolas_of_elements():
-    x = np.linspace(0.0, 1.0, 9)
-    field = np.outer(np.ones(3), x**2)
-    assert nodal_slope(field, 1)[0] == pytest.approx(2.0 * x / 8.0)
-    angle = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
-    slope = nodal_slope(np.sin(angle)[None], 1, closed=True)[0] * 32.0 / np.pi
-    assert slope == pytest.approx(np.cos(angle), abs=4e-3)
+#: The strains that a file of an earlier release may lack.
+STRAINS = "strain_rate_tensor", "strain_tensor", "spin", "volume_change"
+
+
+def lacking(snapshot, *names):
+    """Return the snapshot as if its file lacked fields."""
+    snapshot.names = tuple(name for name in snapshot.names if name not in names)
+    return snapshot
+
+
+def run(path, *options):
+    """Make a run on one rank; return its last snapshot."""
+    run_ranks(0, "-m", "pgran", *options, "-pgran_output", path, "-pgran_progress", "quiet")
+    return Result(path).snapshots[-1]
+
+
+def test_strains_of_a_file_that_lacks_them_are_those_of_the_solver(path):
+    stored, computed = Result(path).snapshots[-1], lacking(Result(path).snapshots[-1], *STRAINS)
+    for name in ("strain_rate", "strain", "spin", "volume_change"):
+        scale = np.abs(stored[name]).max()
+        assert scale > 1e-8
+        np.testing.assert_allclose(computed[name], stored[name], atol=1e-9 * scale)
+
+
+def test_gradients_of_a_quadratic_velocity_are_exact(snapshot):
+    x1, x2 = np.moveaxis(snapshot.x, -1, 0)
+    snapshot._read["velocity"] = np.stack([x1 * x2, x1**2], axis=-1)
+    (l11, l12), (l21, l22) = lacking(snapshot, *STRAINS).velocity_gradient
+    for found, wanted in ((l11, x2), (l12, x1), (l21, 2.0 * x1), (l22, 0.0 * x1)):
+        np.testing.assert_allclose(found, wanted, atol=0.03)  # the mesh is curved by 1e-3
+    assert snapshot["spin"] == pytest.approx((l21 - l12) / 2.0)
+
+
+@pytest.mark.parametrize("case", ["planar_shear", "vertical_chute", "cell"])
+def test_gradients_at_the_ends_of_a_period_are_those_between_them(tmp_path, case):
+    """A velocity that is moved around the grid by an element has its strain rate moved."""
+    cell = ("-pgran_case", "periodic", "-pgran_cell_elements", 4, "-pgran_height", 40)
+    flow = ("-pgran_case", case, "-pgran_width", 4, "-pgran_height", 4, "-pgran_element_size", 1)
+    shape = run(tmp_path / "flow.h5", *(cell if case == "cell" else flow), "-ts_type", "beuler",
+                "-ts_max_steps", 1).x.shape
+    axis = 0 if case == "vertical_chute" else 1
+    velocity, found = np.random.default_rng(1).standard_normal(shape), []
+    for shift in (0, 2):
+        snapshot = lacking(Result(tmp_path / "flow.h5").snapshots[-1], *STRAINS)
+        snapshot.keep({"velocity": np.roll(velocity, shift, axis)}, {"velocity": np.zeros(2)})
+        found.append([snapshot["strain_rate"], snapshot["spin"]])
+    for first, moved in zip(*found):
+        np.testing.assert_allclose(np.roll(first, 2, axis), moved, atol=1e-6)
+
+
+def test_one_element_across_a_periodic_direction_is_enough(tmp_path):
+    """Shear of a layer of one element: rate and spin along the height, a picture, and cells."""
+    from PIL import Image
+
+    snapshot = run(tmp_path / "one.h5", "-pgran_case", "planar_shear", "-pgran_width", 1,
+                   "-pgran_height", 6, "-pgran_element_size", 1, "-pgran_model", "li",
+                   "-ts_type", "beuler", "-ts_max_steps", 2)
+    assert snapshot.x.shape == (13, 2, 2)
+    for name in ("strain_rate", "spin"):
+        older = lacking(Result(snapshot.result.path).snapshots[-1], *STRAINS)
+        np.testing.assert_allclose(snapshot[name], older[name], atol=1e-12)
+    assert snapshot["spin"] == pytest.approx(-snapshot["strain_rate"] / 2.0, abs=1e-9)
+    assert snapshot["strain_rate"].mean() == pytest.approx(1.0, rel=0.2)
+    grid = snapshot.grid("pressure", "velocity")
+    assert grid.n_cells == 6
+    assert grid.compute_cell_sizes(length=False, volume=False)["Area"].sum() == pytest.approx(6.0)
+    picture, = pictures.pictures(snapshot.result.path, "strain_rate", which=-1)
+    assert np.ptp(np.asarray(Image.open(picture).convert("L"))) > 100
+    distance, values = pictures.along_line(snapshot, "velocity_1", (0.9, 0.0, 0.9, 6.0))
+    assert np.isfinite(values).all() and values[-1] == pytest.approx(6.0)
+
+
+def test_a_strain_that_cannot_be_had_says_why(tmp_path):
+    cell = ("-pgran_case", "periodic", "-pgran_cell_elements", 2, "-ts_max_steps", 1)
+    snapshot = lacking(run(tmp_path / "cell.h5", *cell), *STRAINS)
+    snapshot.keep({}, {"coordinates": np.zeros((2, 2)), "velocity": np.zeros((2, 2))})
+    with pytest.raises(ResultError, match="lacks the period of its grid"):
+        snapshot["spin"]
 
 
 def test_derived_quantities_are_those_of_homogeneous_compression(snapshot):
     """Velocity (x1/2, -x2/2) and height H exp(-t/2): no spin, strain t, no volume change."""
-    x, (ny, nx) = snapshot.x, snapshot.x.shape[:2]
+    x, (ny, nx) = lacking(snapshot, *STRAINS).x, snapshot.x.shape[:2]
     snapshot._read["velocity"] = np.stack([x[..., 0] / 2.0, -x[..., 1] / 2.0], axis=-1)
     assert snapshot["strain_rate"] == pytest.approx(np.ones((ny, nx)))
     assert snapshot["spin"] == pytest.approx(np.zeros((ny, nx)), abs=1e-12)
     time, start = 0.3, np.stack(np.meshgrid(np.linspace(0, 8, nx), np.linspace(0, 24, ny)), -1)
+    snapshot = lacking(Result(snapshot.result.path).snapshots[-1], *STRAINS)
     snapshot._read["coordinates"] = start * [np.exp(time / 2.0), np.exp(-time / 2.0)]
     assert snapshot["strain"] == pytest.approx(np.full((ny, nx), time))
     assert snapshot["volume_change"] == pytest.approx(np.zeros((ny, nx)), abs=1e-12)
@@ -116,6 +189,24 @@ def test_every_quantity_is_there_and_drawn_in_every_format(path, snapshot):
         assert written.name.endswith(suffix) and written.stat().st_size > 3000
     text = path.with_name(f"small_spin_{Result(path).snapshots[-1].name}.svg").read_text()
     assert "omega" in text or "ω" in text
+
+
+def test_labels_have_the_units_of_what_they_name(snapshot):
+    result = snapshot.result
+    for name, wanted in (("spin", r"$\omega$ ($\dot\gamma_0$)"), ("strain", r"$\gamma$"),
+                         ("speed", r"$|v|$ (d $\dot\gamma_0$)"),
+                         ("pressure", r"$P$ ($|\sigma_1|$)"),
+                         ("stress_tensor", r"stress_tensor ($|\sigma_1|$)")):
+        assert pictures.label(result, name) == wanted
+    for name, unit in (("work", "|sigma_1| d^2"), ("energy_error", ""), ("time", "1/gdot0")):
+        assert result.history_units[name] == unit
+    assert pictures.with_unit("torque", "P_w d^2") == "torque ($P_w$ d$^2$)"
+
+
+def test_the_distance_to_yield_needs_a_yield_value(snapshot, monkeypatch):
+    monkeypatch.setattr(type(snapshot.result.case.law), "yield_ratio", 0.0)
+    with pytest.raises(ResultError, match="its law bingham has no yield value"):
+        snapshot["above_yield"]
 
 
 def test_a_profile_is_the_field_along_the_line(snapshot):

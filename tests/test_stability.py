@@ -455,6 +455,10 @@ def test_posedness_is_told_for_any_law(capsys):
         assert answer["well_posed"] == well_posed == (answer["C"] < 0.0)
         if upper:
             assert answer["ill_posed_ranges"][-1][0] == pytest.approx(upper, rel=1e-3)
+        assert answer["model"] == "li" and answer["law"] == law
+    assert stability.main(["-posedness"]) == 0  # with the default model, NGF
+    text = capsys.readouterr().out
+    assert text.startswith("the local rheology LI") and "ngf" not in text
     assert answer["ill_posed_ranges"][0][0] == 0.0  # far below: mu tends to mu_s, its slope to 0
 
 

@@ -354,6 +354,16 @@ def test_the_table_of_sensitivities_has_a_row_for_each_snapshot(tmp_path, monkey
     assert rows[4]["compression"] == "did not come to its end"
 
 
+def test_shares_of_the_step_error_are_those_of_its_default():
+    from pgran import cases
+
+    default = cases.read({}).step_error
+    named = {name: given[1] for name, given in sensitivity.CASES.items() if "step error" in name}
+    assert len(named) == 2
+    for name, value in named.items():
+        assert float(name.split()[0]) == pytest.approx(value / default)
+
+
 def test_the_answer_is_held_to_limits(tmp_path, monkeypatch):
     monkeypatch.setattr(verify, "CASES", {name: verify.CASES[name] for name in ("base", "stiff")})
     verify.main(tmp_path, options=TINY)

@@ -24,7 +24,7 @@ class PlanarShear(Case):
     periodic = True, False
     moving = False
     stress_unit = "P_w"
-    observables = ("shear_stress",)
+    observables = {"shear_stress": "stress"}
 
     @property
     def shape(self):

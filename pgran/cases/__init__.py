@@ -217,13 +217,24 @@ class Case(ABC):
     @property
     def closed(self):
         """Whether the grid closes on itself in space along i and along j, as a ring does."""
-        ends = []
+        return tuple(wrap and bool((np.abs(shift) <= 1e-9).all())
+                     for wrap, shift in zip(self.periodic, self.period))
+
+    @property
+    def period(self):
+        """By how much the initial coordinates change once around the grid, (2, 2), d.
+
+        The first entry is the change along i, the second one along j; zero where the grid is not
+        periodic.
+        """
+        found = np.zeros((2, 2))
         for axis, wrap in enumerate(self.periodic):
-            index = np.zeros((2, 2), dtype=int)
-            index[axis, 1] = 2 * self.shape[axis]
-            first, last = self.coordinates(*index).T
-            ends.append(wrap and bool(np.allclose(first, last, rtol=0.0, atol=1e-9)))
-        return tuple(ends)
+            if wrap:
+                index = np.zeros((2, 2), dtype=int)
+                index[axis, 1] = 2 * self.shape[axis]
+                first, last = self.coordinates(*index).T
+                found[axis] = last - first
+        return found
 
     def elements_along(self, name):
         """Return how many elements of ``element_size`` make the length that a parameter gives.

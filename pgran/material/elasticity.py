@@ -41,6 +41,33 @@ def stress_rate(dt, stress, earlier_dt=None, earlier=None):
     return factor, ((1.0 + ratio) * stress - ratio**2 / (1.0 + ratio) * earlier) / factor
 
 
+def strain_fields(velocity_gradient, deformation_gradient=None):
+    """Return strain rate, spin, strain and volume change, {name: ndarray}.
+
+    Parameters
+    ----------
+    velocity_gradient : ndarray, (2, 2, ...)
+        L_ij = d v_i/d x_j, gdot0.
+    deformation_gradient : ndarray, (2, 2, ...), optional
+        F_ij = d x_i/d X_j since the start, of a positive determinant.
+
+    Returns
+    -------
+    dict
+        ``strain_rate_tensor`` (3, ...), sym L with the components 11, 22 and 12, gdot0; ``spin``
+        (...), (L21 - L12)/2, gdot0. With F also ``strain_tensor`` (3, ...), `logarithmic_strain`,
+        and ``volume_change`` (...), det F - 1.
+    """
+    (l11, l12), (l21, l22) = velocity_gradient
+    found = {"strain_rate_tensor": np.array([l11, l22, (l12 + l21) / 2.0]),
+             "spin": (l21 - l12) / 2.0}
+    if deformation_gradient is not None:
+        (f11, f12), (f21, f22) = deformation_gradient
+        found["strain_tensor"] = logarithmic_strain(deformation_gradient)
+        found["volume_change"] = f11 * f22 - f12 * f21 - 1.0
+    return found
+
+
 def logarithmic_strain(gradient):
     """Return ln V of a deformation gradient F = V R, Hencky's strain, (3, ...): 11, 22, 12.
 

@@ -30,6 +30,7 @@ def picture(writer, driver):
     """
     case, number = driver.case, driver.ts.getStepNumber()
     fields = driver.fields()
+    period = driver.grid.period(fields["coordinates"])
     fields = gathered(driver.grid, {name: fields[name] for name in ("coordinates", FIELD)})
 
     def draw():
@@ -41,7 +42,7 @@ def picture(writer, driver):
                                  unit=lambda name: "")
         snapshot = Snapshot(result, f"{number}", {"time": driver.state.time,
                                                   "label": case.label(driver.state.time)})
-        snapshot.keep(fields)
+        snapshot.keep(fields, {"coordinates": period, FIELD: np.zeros(2)})
         panels([snapshot], FIELD, Style()).savefig(
             writer.path.with_name(f"{writer.path.stem}_step{number:04d}.png"))
 

@@ -29,7 +29,9 @@ matplotlib.rcParams["svg.fonttype"] = "none"  # text of an SVG stays text
 #: Formats of pictures and of movies.
 FORMATS, MOVIES = ("png", "svg", "pdf"), (".gif", ".mp4")
 COLOURS = "viridis"
-SIGMA = r"$|\sigma_1|$"
+#: Parts of units in the notation of matplotlib.
+NOTATION = {"|sigma_1|": r"$|\sigma_1|$", "gdot0": r"$\dot\gamma_0$", "P_w": "$P_w$",
+            "phi rho_s G d": r"$\phi\rho_s G d$", "^2": "$^2$"}
 #: Inches of the longer side of a panel, and pixels an inch.
 SIDE, DPI = 5.5, 150
 #: Label of the steps of a steady flow.
@@ -65,12 +67,16 @@ class Style:
 
 
 def label(result, name):
-    """Return how a quantity is labelled, with its unit."""
-    if name not in QUANTITIES:
-        return name
-    unit = result.unit(name)
-    return f"${QUANTITIES[name].symbol}$" + (f" ({unit.replace('|sigma_1|', SIGMA)})"
-                                             if unit else "")
+    """Return how a quantity or a field is labelled, with its unit."""
+    symbol = f"${QUANTITIES[name].symbol}$" if name in QUANTITIES else name
+    return with_unit(symbol, result.unit(name))
+
+
+def with_unit(text, unit):
+    """Return a label with its unit in the notation of matplotlib, (str)."""
+    for part, notation in NOTATION.items():
+        unit = unit.replace(part, notation)
+    return f"{text} ({unit})" if unit else text
 
 
 def scale(values, style):
@@ -87,16 +93,12 @@ def scale(values, style):
 
 
 def draw(axes, snapshot, name, norm, style, values=None):
-    """Draw a quantity of a snapshot into axes; return what `Figure.colorbar` takes."""
-    result, closed = snapshot.result, snapshot.result.closed
-    values = snapshot[name] if values is None else values
+    """Draw a quantity of a snapshot into axes; return what `Figure.colorbar` takes.
 
-    def whole(field):
-        extra = [(0, int(wrap)) for wrap in closed[::-1]] + [(0, 0)] * (field.ndim - 2)
-        return np.pad(field, extra, mode="wrap")
-
-    x = whole(snapshot.x)
-    shown = whole(values)
+    ``values`` are those of the quantity on the nodes of ``snapshot.whole``, if they are known.
+    """
+    result, whole = snapshot.result, snapshot.whole
+    x, shown = whole.x, whole[name] if values is None else values
     if style.log:
         shown = np.maximum(shown, norm.vmin)
     drawn = axes.pcolormesh(x[..., 0], x[..., 1], shown, shading="gouraud", cmap=COLOURS,
@@ -108,8 +110,8 @@ def draw(axes, snapshot, name, norm, style, values=None):
         outline(axes, result, snapshot)
     if style.arrows:
         step = max(1, max(x.shape[:2]) // ARROWS)
-        (x1, x2), (v1, v2) = (np.moveaxis(whole(field)[::step, ::step], -1, 0)
-                              for field in (snapshot.x, snapshot.stored("velocity")))
+        (x1, x2), (v1, v2) = (np.moveaxis(field[::step, ::step], -1, 0)
+                              for field in (x, whole.stored("velocity")))
         axes.quiver(x1, x2, v1, v2, color="white", edgecolor="black", linewidth=0.3, width=0.004)
     if style.band:
         band_line(axes, snapshot)
@@ -122,7 +124,7 @@ def draw(axes, snapshot, name, norm, style, values=None):
 
 def outline(axes, result, snapshot):
     """Draw where the sides of the material were at the start."""
-    ny, nx = snapshot.x.shape[:2]
+    ny, nx = snapshot.whole.x.shape[:2]
     around = np.concatenate([
         [(i, 0) for i in range(nx)], [(nx - 1, j) for j in range(ny)],
         [(i, ny - 1) for i in reversed(range(nx))], [(0, j) for j in reversed(range(ny))]]).T
@@ -161,9 +163,9 @@ def panels(chosen, name, style):
         The quantity.
     style : Style
     """
-    fields = [snapshot[name] for snapshot in chosen]
+    fields = [snapshot.whole[name] for snapshot in chosen]
     norm = scale(fields, style)
-    spans = [np.ptp(snapshot.x.reshape(-1, 2), axis=0) for snapshot in chosen]
+    spans = [np.ptp(snapshot.whole.x.reshape(-1, 2), axis=0) for snapshot in chosen]
     unit = SIDE / max(max(span) for span in spans)
     wide = [max(span[0] * unit, 1.2) for span in spans]
     figure = Figure(figsize=(sum(wide) + 0.9 * len(wide) + 1.3,
@@ -200,7 +202,7 @@ def pictures(path, name="inertial_number", style=Style(), suffix=".png", which=N
     """
     result, written = Result(path), []
     chosen = snapshots_of(result, which)
-    norm = scale([snapshot[name] for snapshot in result.snapshots], style)
+    norm = scale([snapshot.whole[name] for snapshot in result.snapshots], style)
     style = replace(style, limits=(norm.vmin, norm.vmax))
     more = "" if name == "inertial_number" else f"_{name}"
     for snapshot in chosen:
@@ -241,10 +243,11 @@ def along_line(snapshot, name, ends, points=400):
     first, last = np.reshape(ends, (2, 2))
     share = np.linspace(0.0, 1.0, points)
     at = first + share[:, None] * (last - first)
-    quads = cells(snapshot.x.shape[:2], snapshot.result.closed)
-    mesh = Triangulation(*snapshot.x.reshape(-1, 2).T,
+    whole = snapshot.whole
+    quads = cells(whole.x.shape[:2])
+    mesh = Triangulation(*whole.x.reshape(-1, 2).T,
                          np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
-    found = LinearTriInterpolator(mesh, snapshot[name].ravel())(*at.T)
+    found = LinearTriInterpolator(mesh, whole[name].ravel())(*at.T)
     return share * np.hypot(*(last - first)), found.filled(np.nan)
 
 
@@ -305,8 +308,9 @@ def curves(results, names, target):
         if other != counted:
             raise OptionError(f"-history {','.join(names)}: the history of {results[0].path} is "
                               f"drawn against {counted}, and that of {result.path} against {other}")
-    across = {"time": r"time ($1/\dot\gamma_0$)", "step": STEP}
-    figure, planes = curves_figure(across.get(counted, counted), names)
+    units = results[0].history_units
+    across = STEP if counted == "step" else with_unit(counted, units[counted])
+    figure, planes = curves_figure(across, [with_unit(name, units[name]) for name in names])
     for axes, name in zip(planes, names):
         for result, (_, values) in zip(results, progress):
             axes.plot(values, result.history[name], label=result.path.stem)
@@ -343,11 +347,11 @@ def movie(result, name, style, target, rate=8):
     if len(result.snapshots) < 2:
         raise OptionError(f"-movie {target}: {result.path} holds {len(result.snapshots)} snapshots;"
                           " a movie needs two, and better fifty (the option snapshots of a run)")
-    norm = scale([snapshot[name] for snapshot in result.snapshots], style)
-    tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.x[..., 1]))
+    norm = scale([snapshot.whole[name] for snapshot in result.snapshots], style)
+    tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.whole.x[..., 1]))
     figure = panels([tallest], name, replace(style, limits=(norm.vmin, norm.vmax)))
     axes = figure.axes[0]
-    every = np.concatenate([snapshot.x.reshape(-1, 2) for snapshot in result.snapshots])
+    every = np.concatenate([snapshot.whole.x.reshape(-1, 2) for snapshot in result.snapshots])
     low, high = every.min(axis=0), every.max(axis=0)
 
     def frame(number):

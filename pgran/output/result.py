@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import cases
-from ..material.elasticity import logarithmic_strain
+from ..material.elasticity import strain_fields
 from ..options import PREFIX, ParameterError
-from ..space.element import NODES
+from ..space.element import GAUSS_TO_NODES, NODES, Geometry
 from . import band
 from .reading import ResultError, field_of, opened, stored_parameters
 
@@ -53,50 +53,42 @@ def _speed(snapshot):
 
 
 def _strain_rate(snapshot):
-    (l11, l12), (l21, l22) = snapshot.velocity_gradient
-    return np.sqrt(2.0 * (l11**2 + l22**2) + (l12 + l21)**2)
-
-
-def _spin(snapshot):
-    gradient = snapshot.velocity_gradient
-    return (gradient[1][0] - gradient[0][1]) / 2.0
+    d11, d22, d12 = np.moveaxis(snapshot.strain_field("strain_rate_tensor"), -1, 0)
+    return np.sqrt(2.0 * (d11**2 + d22**2) + 4.0 * d12**2)
 
 
 def _strain(snapshot):
-    """ln(l1/l2), the difference of the principal values of `logarithmic_strain`."""
-    h11, h22, h12 = logarithmic_strain(snapshot.deformation_gradient)
+    """ln(l1/l2), the difference of the principal values of the logarithmic strain."""
+    h11, h22, h12 = np.moveaxis(snapshot.strain_field("strain_tensor"), -1, 0)
     return np.hypot(h11 - h22, 2.0 * h12)
-
-
-def _volume_change(snapshot):
-    (f11, f12), (f21, f22) = snapshot.deformation_gradient
-    return f11 * f22 - f12 * f21 - 1.0
 
 
 def _above_yield(snapshot):
     ratio = snapshot.result.case.law.yield_ratio
-    if ratio is None:
-        raise ResultError(snapshot.result.path, "its law has no yield value; there is no "
-                          "above_yield")
+    if not ratio:
+        raise ResultError(snapshot.result.path, f"its law {snapshot.result.parameters.law} has no "
+                          "yield value; there is no above_yield")
     return snapshot.stored("stress_ratio") - ratio
 
 
-#: All quantities by name. Gradients at a node are means over its elements.
+#: All quantities by name.
 QUANTITIES = {
     "inertial_number": Quantity("I", "", "inertial number", _stored("inertial_number")),
-    "fluidity": Quantity("g", r"$\dot\gamma_0$", "fluidity", _stored("fluidity")),
+    "fluidity": Quantity("g", "gdot0", "fluidity", _stored("fluidity")),
     "pressure": Quantity("P", "stress", "pressure", _stored("pressure")),
     "stress_ratio": Quantity(r"\mu", "", "stress ratio tau/P", _stored("stress_ratio")),
     "above_yield": Quantity(r"\mu - \mu_s", "", "distance to yield", _above_yield),
-    "speed": Quantity("|v|", r"$d\,\dot\gamma_0$", "size of the velocity", _speed),
-    "velocity_1": Quantity("v_1", r"$d\,\dot\gamma_0$", "velocity along x1", _part("velocity", 0)),
-    "velocity_2": Quantity("v_2", r"$d\,\dot\gamma_0$", "velocity along x2", _part("velocity", 1)),
-    "strain_rate": Quantity(r"\dot\gamma", r"$\dot\gamma_0$", "equivalent shear rate sqrt(2 D:D)",
+    "speed": Quantity("|v|", "d gdot0", "size of the velocity", _speed),
+    "velocity_1": Quantity("v_1", "d gdot0", "velocity along x1", _part("velocity", 0)),
+    "velocity_2": Quantity("v_2", "d gdot0", "velocity along x2", _part("velocity", 1)),
+    "strain_rate": Quantity(r"\dot\gamma", "gdot0", "equivalent shear rate sqrt(2 D:D)",
                             _strain_rate),
-    "spin": Quantity(r"\omega", r"$\dot\gamma_0$", "spin (d v2/d x1 - d v1/d x2)/2", _spin),
+    "spin": Quantity(r"\omega", "gdot0", "spin (d v2/d x1 - d v1/d x2)/2",
+                     lambda snapshot: snapshot.strain_field("spin")),
     "strain": Quantity(r"\gamma", "", "equivalent shear strain since the start, ln(l1/l2) of the "
                        "principal stretches", _strain),
-    "volume_change": Quantity("J - 1", "", "change of volume since the start", _volume_change),
+    "volume_change": Quantity("J - 1", "", "change of volume since the start",
+                              lambda snapshot: snapshot.strain_field("volume_change")),
     "stress_11": Quantity(r"\sigma_{11}", "stress", "stress, tension positive", _stress(0, 1.0)),
     "stress_22": Quantity(r"\sigma_{22}", "stress", "stress, tension positive", _stress(1, 1.0)),
     "stress_12": Quantity(r"\sigma_{12}", "stress", "stress, tension positive", _stress(2, 0.0)),
@@ -121,6 +113,8 @@ class Result:
         The same, {name: value}, without the prefix.
     history : dict
         {name: ndarray (steps,)}, one entry for each accepted step.
+    history_units : dict
+        {name: str}, the units of the history; empty for a pure number.
     snapshots : list of Snapshot
 
     Raises
@@ -135,6 +129,8 @@ class Result:
             self.attributes = dict(file.attrs)
             self.parameters = stored_parameters(file)
             self.history = {name: data[...] for name, data in file.get("history", {}).items()}
+            self.history_units = {name: str(data.attrs.get("unit", ""))
+                                  for name, data in file.get("history", {}).items()}
             self.snapshots = [Snapshot(self, name, dict(group.attrs))
                               for name, group in sorted(file["snapshots"].items())]
         self.options = {row.name: getattr(self.parameters, row.name)
@@ -178,10 +174,25 @@ class Result:
         """Whether the last nodes along x1 and x2 neighbour the first ones."""
         return tuple(map(bool, self.attributes.get("closed", (False, False))))
 
+    @cached_property
+    def fixed_period(self):
+        """The period (2, 2) of a fixed mesh along x1 and x2, d; zero where it is not known."""
+        try:
+            return np.zeros((2, 2)) if self.case.moving else self.case.period
+        except ResultError:
+            return np.zeros((2, 2))
+
     def unit(self, name):
-        """Return the unit of a quantity of `QUANTITIES`, empty where it has none."""
-        unit = QUANTITIES[name].unit
-        return self.case.stress_unit if unit == "stress" else unit
+        """Return the unit of a quantity of `QUANTITIES` or of another field, empty if it has none.
+
+        Raises `ResultError` for a stress whose case is not found.
+        """
+        if name in QUANTITIES:
+            unit = QUANTITIES[name].unit
+            return self.case.stress_unit if unit == "stress" else unit
+        with opened(self.path) as file:
+            return next((str(group[name].attrs.get("unit", ""))
+                         for group in file["snapshots"].values() if name in group), "")
 
 
 class Snapshot:
@@ -198,7 +209,7 @@ class Snapshot:
 
     def __init__(self, result, name, attributes):
         self.result, self.name, self.attributes = result, name, attributes
-        self._read = {}
+        self._read, self._periods = {}, {}
 
     def __repr__(self):
         return f"<snapshot {self.name} of {self.result.path}: {self.label}>"
@@ -222,9 +233,48 @@ class Snapshot:
                 self._read[name] = field_of(file, self.name, name)
         return self._read[name]
 
-    def keep(self, fields):
-        """Take fields, {name: (ny, nx, ...)}, in place of those of the file."""
+    def keep(self, fields, periods=None):
+        """Take fields, {name: (ny, nx, ...)}, and `period` values in place of those of the file."""
         self._read.update(fields)
+        self._periods.update(periods or {})
+
+    def period(self, name):
+        """Return by how much a field of the file changes once around a periodic grid, (2, ...).
+
+        The first entry is the change along x1, the second one along x2. It is zero where the grid
+        is not periodic, and for fields without the attribute ``period``. Files of earlier releases
+        have no such attribute: the period of a fixed mesh then comes from the case.
+        """
+        if name not in self._periods:
+            with opened(self.result.path) as file:
+                data = file["snapshots"][self.name].get(name)
+                found = None if data is None else data.attrs.get("period")
+            if found is None:
+                found = self.result.fixed_period if name == "coordinates" else np.zeros(2)
+            self._periods[name] = found
+        return self._periods[name]
+
+    @cached_property
+    def open_ends(self):
+        """Whether the grid is periodic without being closed in space, along x1 and x2."""
+        return tuple(not closed and bool(np.any(shift)) for closed, shift in zip(
+            self.result.closed, self.period("coordinates")))
+
+    def continued(self, axes):
+        """Return the snapshot with its first nodes repeated at the ends of periodic directions.
+
+        Parameters
+        ----------
+        axes : tuple of bool
+            Whether to repeat the first nodes along x1 and along x2. Coordinates and velocity there
+            are those of the next period.
+        """
+        return _Continued(self, axes) if any(axes) else self
+
+    @cached_property
+    def whole(self):
+        """The snapshot whose nodes reach to the ends of all periodic directions."""
+        return self.continued(tuple(map(np.logical_or, self.result.closed, self.open_ends)))
 
     def __getitem__(self, name):
         """Return a quantity of `QUANTITIES`, or any other field of the file."""
@@ -237,32 +287,74 @@ class Snapshot:
 
     @cached_property
     def velocity_gradient(self):
-        """(2, 2, ny, nx): d v_i/d x_j, gdot0."""
-        return self._gradient(self.stored("velocity"), self.x)
+        """(2, 2, ny, nx): d v_i/d x_j, gdot0, from the Gauss points."""
+        return self._at_nodes(self._gradient(self.whole.stored("velocity"), self.whole.x))
 
     @cached_property
     def deformation_gradient(self):
-        """(2, 2, ny, nx): d x_i/d X_j since the start; raises `ResultError` on a fixed mesh."""
+        """(2, 2, ny, nx): d x_i/d X_j since the start, from the Gauss points.
+
+        Raises `ResultError` on a fixed mesh.
+        """
+        return self._at_nodes(self._gradient(self.whole.x, self._start()))
+
+    def strain_field(self, name):
+        """Return one of `pgran.material.elasticity.strain_fields`, (ny, nx, ...).
+
+        It is that of the file. Where the file lacks it, as those of earlier releases may, it is
+        computed from velocity and coordinates in the way of
+        `pgran.space.weakform.WeakForm.nodal_strains`.
+
+        Raises
+        ------
+        ResultError
+            For a strain since the start on a fixed mesh, and where the elements cannot be made.
+        """
+        if name in self._read or name in self.names:
+            return self.stored(name)
+        x, velocity, since_start = self.whole.x, self.whole.stored("velocity"), None
+        if name in ("strain_tensor", "volume_change"):
+            since_start = self._gradient(x, self._start())
+        values = strain_fields(self._gradient(velocity, x), since_start)[name]
+        found = self._at_nodes(values)
+        return found if values.ndim == 2 else np.moveaxis(found, 0, -1)
+
+    def _start(self):
+        """The coordinates (ny, nx, 2) of the nodes of `whole` at the start, d."""
         case = self.result.case
         if not case.moving:
             raise ResultError(self.result.path, "its mesh does not move with the material; there "
                               "is no strain since the start")
-        ny, nx = self.x.shape[:2]
+        ny, nx = self.whole.x.shape[:2]
         j, i = (index.ravel() for index in np.mgrid[:ny, :nx])
-        start = np.moveaxis(case.coordinates(i, j).reshape(2, ny, nx), 0, -1)
-        return self._gradient(self.x, start)
+        return np.moveaxis(case.coordinates(i, j).reshape(2, ny, nx), 0, -1)
+
+    @cached_property
+    def _elements(self):
+        """The nodes (9, n) of the elements of `whole`, in the order of `pgran.space.element`."""
+        shape = self.whole.x.shape[:2]
+        if min(shape) < 3 or not all(n % 2 for n in shape):
+            raise ResultError(self.result.path, f"its {shape[1]} x {shape[0]} nodes make no whole "
+                              "elements: it lacks the period of its grid, which later releases "
+                              "store")
+        return np.array(q2_elements(shape)[:, np.argsort(VTK_NODES)].T)
 
     def _gradient(self, values, x):
-        """Gradient (k, 2, ny, nx) of fields (ny, nx, k) on nodes ``x`` (ny, nx, 2)."""
-        (x_1, x_2), (y_1, y_2) = (
-            [nodal_slope(x[..., k], axis, self.result.closed[1 - axis]) for axis in (1, 0)]
-            for k in range(2))
-        area = x_1 * y_2 - x_2 * y_1
-        found = []
-        for field in np.moveaxis(values, -1, 0):
-            along, up = (nodal_slope(field, axis, self.result.closed[1 - axis]) for axis in (1, 0))
-            found.append([(along * y_2 - up * y_1) / area, (up * x_1 - along * x_2) / area])
-        return np.array(found)
+        """Gradient (2, 2, points, n) of fields (ny, nx, 2) of `whole` on nodes ``x``."""
+        values, x = (np.moveaxis(field, -1, 0).reshape(2, -1)[:, self._elements]
+                     for field in (values, x))
+        geometry = Geometry(x)
+        return np.array([geometry.gradient(part) for part in values])
+
+    def _at_nodes(self, values):
+        """Means over elements (..., ny, nx) of values at the Gauss points, (..., points, n)."""
+        ny, nx = self.x.shape[:2]
+        j, i = np.divmod(self._elements, self.whole.x.shape[1])
+        nodes = (j % ny * nx + i % nx).ravel()
+        count = np.bincount(nodes, minlength=ny * nx)
+        found = [np.bincount(nodes, (GAUSS_TO_NODES @ part).ravel(), ny * nx) / count
+                 for part in values.reshape(-1, *values.shape[-2:])]
+        return np.reshape(found, (*values.shape[:-2], ny, nx))
 
     def band(self):
         """Return what `pgran.output.band.band` measures, a dictionary."""
@@ -271,18 +363,21 @@ class Snapshot:
     def grid(self, *names):
         """Return a pyvista UnstructuredGrid of Q2 elements with quantities at the nodes.
 
-        All fields of the file unless ``names`` are given. Vectors and tensors get their zeros.
+        All fields of the file unless ``names`` are given. Vectors get a third component of zero. On
+        a grid that is periodic without being closed in space, the first nodes are repeated at the
+        end of the period.
         """
         import pyvista
 
-        elements = q2_elements(self.x.shape[:2], self.result.closed)
+        shown, shape = self.continued(self.open_ends), self.x.shape[:2]
+        order = np.argsort(numbers(shape, self.open_ends).ravel())
+        elements = q2_elements(shape, self.result.closed, self.open_ends)
         cells = np.hstack([np.full((len(elements), 1), NODES), elements])
-        points = np.pad(self.x.reshape(-1, 2), ((0, 0), (0, 1)))
+        points = np.pad(shown.x.reshape(-1, 2)[order], ((0, 0), (0, 1)))
         grid = pyvista.UnstructuredGrid(
             cells.ravel(), np.full(len(cells), pyvista.CellType.BIQUADRATIC_QUAD), points)
         for name in names or self.names:
-            values = self[name]
-            flat = values.reshape(len(points), -1)
+            flat = shown[name].reshape(len(points), -1)[order]
             grid[name] = flat.ravel() if flat.shape[1] == 1 else (
                 np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1] == 2 else flat)
         return grid
@@ -294,37 +389,29 @@ class Snapshot:
             return tuple(name for name in file["snapshots"][self.name] if name != "coordinates")
 
 
-def nodal_slope(values, axis, closed=False):
-    """Return the slope of a Q2 field along its nodes, for each step from node to node.
+class _Continued(Snapshot):
+    """A snapshot with its first nodes repeated, see `Snapshot.continued`."""
 
-    Parameters
-    ----------
-    values : ndarray, (ny, nx)
-    axis : int
-    closed : bool
-        Whether the last node neighbours the first one.
+    def __init__(self, snapshot, axes):
+        super().__init__(snapshot.result, snapshot.name, snapshot.attributes)
+        self._of, self._axes, self.whole, self.open_ends = snapshot, axes, self, (False, False)
 
-    Returns
-    -------
-    ndarray, (ny, nx)
-        That of the parabolas; between two elements their mean.
-    """
-    f = np.moveaxis(values, axis, 0)
-    if closed:
-        f = np.concatenate([f[-2:], f, f[:2]])
-    inner = (f[2:] - f[:-2]) / 2.0
-    bend = f[2:] - 2.0 * f[1:-1] + f[:-2]
-    slope = np.empty_like(f)
-    slope[1:-1] = inner
-    # The parabola through three nodes has the slope inner - bend at the first, inner + bend at the
-    # last of them; elements begin at even nodes.
-    shared = slope[2:-2:2]
-    shared[...] = ((inner + bend)[::2][:len(shared)] + (inner - bend)[2::2][:len(shared)]) / 2.0
-    slope[0], slope[-1] = (inner - bend)[0], (inner + bend)[-1]
-    return np.moveaxis(slope[2:-2] if closed else slope, 0, axis)
+    def stored(self, name):
+        """Return a field of the file, (ny, nx, ...), with the repeated nodes."""
+        return self._extended(self._of.stored(name), self._of.period(name))
+
+    def strain_field(self, name):
+        """Return a field of `Snapshot.strain_field` with the repeated nodes."""
+        return self._extended(self._of.strain_field(name), np.zeros(2))
+
+    def _extended(self, field, period):
+        for axis, wrap, shift in zip((1, 0), self._axes, period):
+            if wrap:
+                field = np.concatenate([field, np.take(field, [0], axis) + shift], axis)
+        return field
 
 
-def cells(shape, closed):
+def cells(shape, closed=(False, False)):
     """Return the nodes (n, 4) of the cells between ``shape`` = (ny, nx) nodes, counterclockwise.
 
     ``closed`` says whether the last nodes along x1 and along x2 neighbour the first ones.
@@ -336,19 +423,39 @@ def cells(shape, closed):
     return np.stack([j * nx + i, j * nx + across, up * nx + across, up * nx + i], axis=1)
 
 
-def q2_elements(shape, closed=(False, False)):
+def q2_elements(shape, closed=(False, False), repeated=(False, False)):
     """Return the nodes (n, 9) of the Q2 elements on ``shape`` = (ny, nx) nodes, in VTK's order.
 
-    ``closed`` says whether the last nodes along x1 and x2 neighbour the first ones. On a grid that
-    is periodic without being closed in space the last elements have no end and are left out.
+    Parameters
+    ----------
+    shape : tuple of int
+    closed : tuple of bool
+        Whether the last nodes along x1 and x2 neighbour the first ones.
+    repeated : tuple of bool
+        Whether the first nodes are repeated at the end along x1 and x2, on a grid that is periodic
+        without being closed in space; otherwise its last elements have no end and are left out.
+        The repeated nodes are numbered after all others, as `numbers` has it.
     """
-    ny, nx = shape
+    node = numbers(shape, repeated)
+    ny, nx = node.shape
     wide, high = (n // 2 if wrap else (n - 1) // 2 for n, wrap in zip((nx, ny), closed))
     j, i = (2 * index.ravel() for index in np.mgrid[:high, :wide])
-    rows = [(j + up) % ny for up in range(3)]
-    columns = [(i + along) % nx for along in range(3)]
-    nodes = np.stack([row * nx + column for row in rows for column in columns], axis=1)
+    nodes = np.stack([node[(j + up) % ny, (i + along) % nx]
+                      for up in range(3) for along in range(3)], axis=1)
     return nodes[:, VTK_NODES]
+
+
+def numbers(shape, repeated):
+    """Return the numbers of ``shape`` = (ny, nx) nodes, row by row, and of repeated ones behind.
+
+    An array with one more column where the first nodes are ``repeated`` along x1, and with one more
+    row where they are along x2. These are numbered row by row too, after all others.
+    """
+    ny, nx = shape
+    found = np.full((ny + int(repeated[1]), nx + int(repeated[0])), -1)
+    found[:ny, :nx] = np.arange(ny * nx).reshape(shape)
+    found[found < 0] = np.arange(ny * nx, found.size)
+    return found
 
 
 def options_of(values):

@@ -2,9 +2,8 @@
 
 ``/snapshots/NNNN`` holds fields on the grid of Q2 nodes (row = x2 index),
 ``/history`` one entry for each accepted step, the root attributes the resolved
-options, the versions and the scales. Where the grid closes on itself, as a ring does, ``/cells``
-holds the nodes of its cells, so that XDMF has them all. The file is closed after each writing, so
-a run that stops later loses nothing that was written.
+options, the versions and the scales. ``/cells`` holds the nodes of the cells for XDMF. The file is
+closed after each writing, so a run that stops later loses nothing that was written.
 """
 
 import os
@@ -21,6 +20,7 @@ from petsc4py import PETSc
 
 from .. import __version__
 from ..options import PREFIX, ParameterError
+from ..space.element import DIM
 from .checkpoint import NAME, checkpoints_of
 from .files import Disk, Draft, Lock, blocks_of, local_part, together, write_blocks, write_text
 from .reading import FIELDS, FORMAT, ResultError, opened, stored_parameters
@@ -33,12 +33,17 @@ BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
 HISTORY = ("time", "step_size", "courant_number", "newton_iterations", "linear_iterations",
            "inertial_number_min", "inertial_number_max", *BALANCE)
 INTEGERS = ("newton_iterations", "linear_iterations")
-#: Units, where stress is that of the case; what is not here is a pure number.
-UNITS = {"coordinates": "d", "velocity": "d gdot0", "fluidity": "gdot0", "pressure": "stress",
-         "deviator": "stress", "stress_tensor": "stress", "strain_rate_tensor": "gdot0",
+#: Units of fields and of columns of the history, where stress is that of the case; what is not
+#: here is a pure number.
+UNITS = {"coordinates": "d", "displacement": "d", "velocity": "d gdot0", "speed": "d gdot0",
+         "fluidity": "gdot0", "pressure": "stress", "deviator": "stress",
+         "stress_tensor": "stress", "strain_rate_tensor": "gdot0", "spin": "gdot0",
          "time": "1/gdot0", "step_size": "1/gdot0", "work": "stress d^2",
-         "dissipation": "stress d^2", "stored_energy": "stress d^2",
-         "energy_error": "stress d^2", "volume": "d^2"}
+         "dissipation": "stress d^2", "stored_energy": "stress d^2", "volume": "d^2"}
+#: Units of root attributes, which have them in a second attribute, NAME_unit.
+ATTRIBUTE_UNITS = {"growth_rate": "gdot0", "steady_residual": "stress d", "begun": "s",
+                   "seconds": "s", "memory": "MB", "scale_length": "m", "scale_stress": "Pa",
+                   "scale_time": "s"}
 #: What the names of the fields of the flow begin with that a mode was found about.
 BASE = "base_"
 #: Largest share of the time that writing the history takes.
@@ -146,14 +151,13 @@ class Writer:
                 snapshots, fields = source.cut(file, self._columns)
             for name in self._columns:
                 if name not in file["history"]:
-                    column = file["history"].create_dataset(
+                    file["history"].create_dataset(
                         name, shape=(0,), maxshape=(None,), chunks=(1024,),
                         dtype="i8" if name in INTEGERS else "f8")
-                    column.attrs["unit"] = self._unit(name)
+                file["history"][name].attrs["unit"] = self._unit(name)
             link(file, self.case.closed)
-            for name, value in attributes.items():
-                file.attrs[name] = value
-            if any(self.case.closed) and "cells" not in file:
+            self._set_attributes(file, attributes)
+            if "cells" not in file:
                 file["cells"] = cells(self.grid.nodes.shape[::-1], self.case.closed)
             kept = None if same else self._make_room()
         except BaseException:
@@ -170,6 +174,14 @@ class Writer:
         unit = own.get(name, "") if isinstance(own, dict) and name in own else UNITS.get(
             name.removeprefix(BASE), "")
         return unit.replace("stress", self.case.stress_unit)
+
+    def _set_attributes(self, file, attributes):
+        """Set root attributes, {name: value}, with their units."""
+        for name, value in attributes.items():
+            file.attrs[name] = value
+            if name in ATTRIBUTE_UNITS:
+                file.attrs[f"{name}_unit"] = ATTRIBUTE_UNITS[name].replace(
+                    "stress", self.case.stress_unit)
 
     def _make_room(self):
         """Rename an earlier file, its XDMF and its checkpoints; return the new name."""
@@ -217,7 +229,7 @@ class Writer:
             raise OSError("it was removed while the run wrote it")
         self._draft = Draft(self.path, room + 8 * sum(map(len, self._columns.values())), self.path)
 
-    def _publish(self, flush, attributes):
+    def _publish(self, flush, attributes, linked=False):
         draft, self._draft = self._draft, None
         try:
             for name, values in self._columns.items():
@@ -226,8 +238,9 @@ class Writer:
                     done = data.shape[0]
                     data.resize((len(values),))
                     data[done:] = values[done:]
-            for name, value in attributes.items():
-                draft.file.attrs[name] = value
+            self._set_attributes(draft.file, attributes)
+            if linked:
+                link(draft.file, self.case.closed)
         except BaseException:
             draft.drop()
             raise
@@ -243,6 +256,8 @@ class Writer:
         shape = lattice.shape[::-1]
         name = f"{len(self.snapshots):04d}"
         components = {key: value.shape[:-1] for key, value in fields.items()}
+        periods = {key: self.grid.period(fields[key]) for key in ("coordinates", "velocity")
+                   if key in fields and any(self.grid.periodic)}
 
         def prepare():
             self._open_draft(8 * sum(int(np.prod(shape + size)) for size in components.values()))
@@ -252,7 +267,8 @@ class Writer:
             for key, size in components.items():
                 data = group.create_dataset(key, shape + size, dtype="f8")
                 data.attrs["unit"] = self._unit(key)
-            link(self._draft.file, self.case.closed)
+                if key in periods:
+                    data.attrs["period"] = periods[key]
 
         self.disk.do(prepare)
         self._tell_meaningless(name, fields)
@@ -262,9 +278,10 @@ class Writer:
             draft, self._draft = self._draft, None
             draft.drop()
         self.disk.agree(None, problem)
-        self.disk.do(lambda: self._publish(True, {}))
+        self.disk.do(lambda: self._publish(True, {}, linked=True))
+        self._fields = {key: size for key, size in components.items()
+                        if key != "coordinates" and (not self.snapshots or key in self._fields)}
         self.snapshots.append((name, time))
-        self._fields = {key: size for key, size in components.items() if key != "coordinates"}
         self._write_xdmf()
 
     def _tell_meaningless(self, snapshot, fields):
@@ -346,47 +363,75 @@ class Source:
         names = sorted(groups)
         for name in names[self.snapshots:]:
             del groups[name]
-        for name in set(file.attrs) & ENDING:
+        for name in set(file.attrs) & (ENDING | {f"{name}_unit" for name in ENDING}):
             del file.attrs[name]
         kept = names[:self.snapshots]
-        fields = {key: data.shape[2:] for key, data in groups[kept[-1]].items()
-                  if key != "coordinates"} if kept else {}
+        fields = {key: data.shape[2:] for key, data in groups[kept[0]].items() if
+                  key != "coordinates" and all(key in groups[name] for name in kept)
+                  } if kept else {}
         return [(name, float(groups[name].attrs["time"])) for name in kept], fields
 
 
 def write_xdmf(path, shape, snapshots, fields, closed=(False, False)):
     """Write NAME.xdmf, a time series of the snapshots, whole or not at all.
 
-    ``shape`` = (ny, nx) nodes, ``snapshots`` pairs (group name, time), ``fields``
-    {name: shape of its components}, ``closed`` as `cells` has it.
+    Vectors get a third component of zero; tensors keep their components 11, 22 and 12.
+
+    Parameters
+    ----------
+    path : str or Path
+        The result file.
+    shape : tuple of int
+        Numbers of nodes (ny, nx).
+    snapshots : list
+        Pairs of the name of a group and the time.
+    fields : dict
+        {name: shape of its components}, besides the coordinates.
+    closed : tuple of bool
+        As `cells` has it.
     """
-    path = Path(path)
-    size = " ".join(map(str, shape))
-    topology, points = f'<Topology TopologyType="2DSMesh" Dimensions="{size}"/>', shape
-    if any(closed):
-        count, points = len(cells(shape, closed)), (shape[0] * shape[1], 1)
-        topology = (f'<Topology TopologyType="Quadrilateral" NumberOfElements="{count}">'
-                    f'<DataItem Dimensions="{count} 4" NumberType="Int" Precision="8" '
-                    f'Format="HDF">{quoteattr(path.name)[1:-1]}:/cells</DataItem></Topology>')
-
-    def item(name, group, components):
-        dimensions = " ".join(map(str, (*points, *components)))
-        target = quoteattr(f"{path.name}:/snapshots/{group}/{name}")[1:-1]
-        return (f'<DataItem Dimensions="{dimensions}" NumberType="Float" Precision="8" '
-                f'Format="HDF">{target}</DataItem>')
-
+    path, count = Path(path), len(cells(shape, closed))
+    topology = (f'<Topology TopologyType="Quadrilateral" NumberOfElements="{count}">'
+                + xdmf_array(path.name, "/cells", (count, 4), "Int") + "</Topology>")
     lines = ['<?xml version="1.0"?>', '<Xdmf Version="2.0">', "<Domain>",
              '<Grid Name="pgran" GridType="Collection" CollectionType="Temporal">']
     for group, time in snapshots:
+        x = xdmf_array(path.name, f"/snapshots/{group}/coordinates", (shape[0] * shape[1], DIM))
         lines += [f'<Grid Name="{group}" GridType="Uniform"><Time Value="{time:.16g}"/>',
-                  topology,
-                  f'<Geometry GeometryType="XY">{item("coordinates", group, (2,))}</Geometry>']
-        lines += [f'<Attribute Name="{name}" AttributeType="{"Matrix" if components else "Scalar"}"'
-                  f' Center="Node">{item(name, group, components)}</Attribute>'
+                  topology, f'<Geometry GeometryType="XY">{x}</Geometry>']
+        lines += [xdmf_field(name, path.name, f"/snapshots/{group}/{name}", shape, components)
                   for name, components in fields.items()]
         lines.append("</Grid>")
     lines += ["</Grid>", "</Domain>", "</Xdmf>"]
     write_text(path.with_suffix(".xdmf"), "\n".join(lines) + "\n")
+
+
+def xdmf_array(file, dataset, shape, kind="Float"):
+    """Return the XML of an array of ``shape``, the dataset (str) of an HDF5 ``file`` (str).
+
+    VTK finds the dataset only in the file itself: it does not follow external links.
+    """
+    return (f'<DataItem Dimensions="{" ".join(map(str, shape))}" NumberType="{kind}" Precision="8" '
+            f'Format="HDF">{quoteattr(f"{file}:{dataset}")[1:-1]}</DataItem>')
+
+
+def xdmf_field(name, file, dataset, shape, components):
+    """Return the XML of a nodal field of ``shape`` + ``components`` in a dataset of a file.
+
+    VTK reads arrays of three components as they are. Those of two components are selected one after
+    the other, and joined with zeros.
+    """
+    nodes, kind = shape[0] * shape[1], "Vector" if components else "Scalar"
+    content = xdmf_array(file, dataset, (nodes, *components))
+    if tuple(components) == (DIM,):
+        array = xdmf_array(file, dataset, (*shape, DIM))
+        slabs = "".join(
+            f'<DataItem ItemType="HyperSlab" Dimensions="{nodes} 1"><DataItem Dimensions="3 3" '
+            f'NumberType="Int" Format="XML">0 0 {place} 1 1 1 {shape[0]} {shape[1]} 1</DataItem>'
+            f"{array}</DataItem>" for place in range(DIM))
+        content = (f'<DataItem ItemType="Function" Dimensions="{nodes} 3" '
+                   f'Function="JOIN($0, $1, 0*$0)">{slabs}</DataItem>')
+    return f'<Attribute Name="{name}" AttributeType="{kind}" Center="Node">{content}</Attribute>'
 
 
 def read_snapshot(parameters, form):

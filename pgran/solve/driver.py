@@ -566,4 +566,4 @@ class Driver:
         deviator = np.array([form.at_nodes(part) for part in self.state.stress])
         pressure = np.multiply.outer([1.0, 1.0, 0.0], fields["pressure"])
         return {"coordinates": x, "velocity": speed, **fields, "deviator": deviator,
-                "stress_tensor": deviator - pressure, **form.nodal_tensors(speed, x)}
+                "stress_tensor": deviator - pressure, **form.nodal_strains(speed, x)}

@@ -107,7 +107,7 @@ class State:
     def values(self, grid):
         """Return the numbers of a checkpoint. Collective."""
         return {"time": self.time, "dt": self.dt, "pace": self.pace,
-                "period": _period(grid, self.x)}
+                "period": grid.period(self.x)}
 
     @classmethod
     def of(cls, form, values, arrays):
@@ -135,26 +135,6 @@ class State:
         """
         stress, *earlier = stresses
         return stress_rate(dt, stress, self.dt, *earlier)
-
-
-def _period(grid, x):
-    """Return by how much nodes move once around the grid, along i and along j, (2, 2), d.
-
-    Zero where the grid is not periodic. Collective.
-    """
-    nodes, found = grid.nodes, np.zeros((DIM, DIM))
-
-    def owns(i, j):
-        return nodes.i0 <= i < nodes.i1 and nodes.j0 <= j < nodes.j1
-
-    for axis in (axis for axis, wrap in enumerate(grid.periodic) if wrap):
-        last, end = [0, 0], [0, 0]
-        last[axis], end[axis] = nodes.shape[axis] - 1, nodes.shape[axis]
-        if owns(*last):
-            found[axis] += x[:, nodes.index(*end)]
-        if owns(0, 0):
-            found[axis] -= x[:, nodes.index(0, 0)]
-    return grid.comm.tompi4py().allreduce(found)
 
 
 def _unknowns(form, fields, x):

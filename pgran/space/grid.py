@@ -275,6 +275,33 @@ class Grid:
         cells = self.elements
         return self.element_ring(values)[..., cells.j - cells.j0 + 1, cells.i - cells.i0 + 1]
 
+    def period(self, values):
+        """Return by how much a nodal field changes once around the grid. Collective.
+
+        Parameters
+        ----------
+        values : ndarray, (k, n_nodes)
+            With ghosts, such as the coordinates.
+
+        Returns
+        -------
+        ndarray, (2, k)
+            The change along i and along j; zero where the grid is not periodic.
+        """
+        nodes, found = self.nodes, np.zeros((DIM, len(values)))
+
+        def owns(i, j):
+            return nodes.i0 <= i < nodes.i1 and nodes.j0 <= j < nodes.j1
+
+        for axis in (axis for axis, wrap in enumerate(self.periodic) if wrap):
+            last, end = [0, 0], [0, 0]
+            last[axis], end[axis] = nodes.shape[axis] - 1, nodes.shape[axis]
+            if owns(*last):
+                found[axis] += values[:, nodes.index(*end)]
+            if owns(0, 0):
+                found[axis] -= values[:, nodes.index(0, 0)]
+        return self.comm.tompi4py().allreduce(found)
+
     def sum_at_nodes(self, values):
         """Return the sums (n_nodes,) over elements of ``values`` (nodes, n) at their nodes.
 

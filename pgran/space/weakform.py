@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from .. import cases
-from ..material.elasticity import COMPONENTS, logarithmic_strain
+from ..material.elasticity import COMPONENTS, strain_fields
 from ..material.models import Quantity
 from ..options import ParameterError
 from . import element
@@ -287,20 +287,19 @@ class WeakForm:
         total = self.grid.sum_at_nodes(element.GAUSS_TO_NODES @ values)
         return total / np.maximum(self.grid.sum_at_nodes(np.ones_like(values)), 1.0)
 
-    def nodal_tensors(self, velocity, x):
-        """Return ``strain_rate_tensor``, and where the mesh moves ``strain_tensor``, at the nodes.
+    def nodal_strains(self, velocity, x):
+        """Return the `strain_fields` at the nodes, {name: ndarray}, from the Gauss points.
 
-        Arrays (3, n_nodes) of components 11, 22, 12, complete at owned nodes: D = sym grad v, and
-        the `logarithmic_strain` since the start. ``velocity``, in d gdot0, and the nodes ``x``, in
-        d, are (2, n_nodes).
+        ``strain_rate_tensor`` (3, n_nodes) and ``spin`` (n_nodes,), and where the mesh moves
+        ``strain_tensor`` (3, n_nodes) and ``volume_change`` (n_nodes,) since the start, complete at
+        owned nodes. ``velocity``, in d gdot0, and the nodes ``x``, in d, are (2, n_nodes).
         """
-        (l11, l12), (l21, l22) = self.gradient(velocity, x)
-        found = {"strain_rate_tensor": (l11, l22, (l12 + l21) / 2.0)}
+        start = None
         if self.case.moving:
-            start = self.case.coordinates(self.grid.nodes.i, self.grid.nodes.j)
-            found["strain_tensor"] = logarithmic_strain(self.gradient(x, start))
-        return {name: np.array([self.at_nodes(part) for part in parts])
-                for name, parts in found.items()}
+            start = self.gradient(x, self.case.coordinates(self.grid.nodes.i, self.grid.nodes.j))
+        found = strain_fields(self.gradient(velocity, x), start)
+        return {name: self.at_nodes(values) if values.ndim == 2 else np.array(
+            [self.at_nodes(part) for part in values]) for name, values in found.items()}
 
     def corner_field(self, corners):
         """Return nodal values (n_nodes,) of a Q1 field given at the corners, (n_corners,).

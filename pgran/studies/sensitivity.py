@@ -7,18 +7,21 @@ of `pgran.studies.meshes`.
 
 from pathlib import Path
 
+from ..options import RUN
 from ..output import band
 from . import launch
 from .table import COST, Table, cost, result_file
 
+#: The step error of the base.
+DEFAULT = next(row.default for row in RUN if row.name == "step_error")
 CASES = {
     "base": (),
     "G = 100": ("-pgran_shear_modulus", 100),
     "G = 300": ("-pgran_shear_modulus", 300),
     "G = 1e4": ("-pgran_shear_modulus", 1e4),
     "G = 1e5": ("-pgran_shear_modulus", 1e5),
-    "step error halved": ("-pgran_step_error", 0.05),
-    "step error quartered": ("-pgran_step_error", 0.025),
+    **{f"{value / DEFAULT:g} of the step error": ("-pgran_step_error", value)
+       for value in (0.05, 0.025)},
     "steps up to 1e-3": ("-pgran_step_max", 1e-3),
     "steps up to 5e-4": ("-pgran_step_max", 5e-4),
     "imperfection 0.9": ("-pgran_imperfection", 0.9),

@@ -1,6 +1,6 @@
 """Does the answer of the main job depend on step, stiffness or mesh? verify [directory]
 
-Stiffer elasticity, half the step limits, half the element size, and a larger inertial number. The
+Stiffer elasticity, smaller steps, half the element size, and a larger inertial number. The
 difference from the base is that of I at the same material points at the end, the largest over the
 specimen, over the largest I of the base. The study fails where it exceeds `LIMITS`.
 """
@@ -17,11 +17,11 @@ from .table import Table
 CASES = {
     "base": (),
     "stiff": ("-pgran_shear_modulus", 10000),
-    "half_steps": ("-pgran_step_max", 0.001, "-pgran_step_error", 0.05),
+    "small_steps": ("-pgran_step_max", 0.001, "-pgran_step_error", 0.05),
     "fine": ("-pgran_element_size", 1),
     "inertial": ("-pgran_inertial_number", 0.03)}
 #: Largest difference from the base, per cent of the largest I.
-LIMITS = {"stiff": 3.0, "half_steps": 2.0, "fine": 10.0}
+LIMITS = {"stiff": 3.0, "small_steps": 2.0, "fine": 10.0}
 #: Where flow stays homogeneous, I departs from I0 by less than this share.
 HOMOGENEOUS = "inertial", 0.02
 COLUMNS = {"run": "", "I min": ".4e", "I max": ".4e", "to base (%)": "+.2f",
