@@ -6,7 +6,6 @@ that of the Python which runs the study.
 """
 
 import os
-import re
 import shlex
 import signal
 import subprocess
@@ -18,7 +17,7 @@ from pathlib import Path
 import h5py
 
 from .. import cases
-from ..cli import STOPPED, read_file
+from ..cli import STOPPED, given, parsed
 from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
 from ..output.checkpoint import checkpoints_of
 from ..output.result import Result
@@ -135,33 +134,6 @@ def for_processes(text, action):
 def kill(text):
     """Send SIGKILL to all processes of this user whose command line holds a text, but this one."""
     for_processes(text, lambda number: os.kill(number, signal.SIGKILL))
-
-
-def parsed(tokens):
-    """Return {name: text} of options ``-name value``; the last one of a name holds."""
-    texts, name = {}, None
-    for token in map(str, tokens):
-        if re.match("--?[A-Za-z]", token):
-            name = token.lstrip("-")
-            texts[name] = ""
-        elif name:
-            texts[name], name = token, None
-    return texts
-
-
-def given(options_file, *options):
-    """Return {name: text} of an options file (None: of none) and of options that win over it.
-
-    Further files that the options name win over the first one. Raises `pgran.options.OptionError`
-    where a file cannot be read.
-    """
-    further = [path for word, path in zip(options, options[1:]) if str(word) == "-options_file"]
-    texts = {}
-    for path in filter(None, (options_file, *further)):
-        texts.update(read_file(path))
-    texts.update(parsed(options))
-    texts.pop("options_file", None)
-    return texts
 
 
 def asked(options_file, *options):
