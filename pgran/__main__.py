@@ -67,13 +67,18 @@ def run(parameters, comm, asked):
     Interrupted
         If a signal stops it; a checkpoint is written first.
     """
+    prepared(parameters, comm, asked).do()
+
+
+def prepared(parameters, comm, asked):
+    """Return the `Run` of the parameters, which has not begun; see `run`. Collective."""
     from .options import ParameterError
     from .space.weakform import discretise
 
     if parameters.inertia and steady() and parameters.part("case").moving:
         raise ParameterError("inertia", "true", "steady flow on a mesh that moves is quasi-static; "
                              "allowed with -ts_type pseudo is false")
-    Run(discretise(parameters, comm), steady(), asked).do()
+    return Run(discretise(parameters, comm), steady(), asked)
 
 
 class Run:
@@ -144,6 +149,11 @@ class Run:
             self.finish()
         finally:
             self.writer.close()
+
+    def free(self):
+        """Free what the run holds in PETSc and MPI; nothing can be asked of it afterwards."""
+        self.driver.destroy()
+        self.apart.Free()
 
     def begin(self, tried=True):
         """Make the result file.

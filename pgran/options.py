@@ -11,6 +11,7 @@ import functools
 import importlib
 import importlib.util
 import math
+import os
 import pkgutil
 import sys
 from dataclasses import dataclass
@@ -316,10 +317,23 @@ class Parameters(SimpleNamespace):
         values = {row.name: getattr(self, row.name) for row in self._rows}
         return Parameters(self._rows, self._parts, **{**values, **changes})
 
+    def __reduce__(self):
+        """Pickle by the names of the parts: their classes may come from files."""
+        return _unpickled, ({name: getattr(self, name) for name in self._parts},
+                            {row.name: getattr(self, row.name) for row in self._rows})
+
     def text(self):
         """Return the parameters as the lines of an options file."""
         return "".join(f"-{row.prefix}{row.name} {plain(getattr(self, row.name))}\n"
                        for row in self._rows if getattr(self, row.name) is not None)
+
+
+def _unpickled(names, values):
+    """Return the `Parameters` of parts by their names and of all values by theirs."""
+    from .cases import KINDS  # which imports this module
+
+    parts = {kind.name: kind.load(names[kind.name]) for kind in KINDS if kind.name in names}
+    return Parameters(table(parts).values(), parts, **values)
 
 
 def plain(value):
@@ -367,7 +381,7 @@ class Part:
             refuse("allowed is " + " | ".join(
                 parts_of(importlib.import_module(self.package).__path__)))
         try:
-            module = _module(target) if target else importlib.import_module(
+            module = _module(target, _changed(target)) if target else importlib.import_module(
                 f"{self.package}.{text}")
         except (Exception, SystemExit) as problem:  # a user's file may fail in any way
             refuse(f"{target} cannot be imported: {type(problem).__name__}: "
@@ -387,9 +401,14 @@ class Part:
         return found
 
 
+def _changed(target):
+    """When a file was changed last, ns, so that it is read again; None for a dotted name."""
+    return os.stat(target).st_mtime_ns if os.path.isfile(target) else None
+
+
 @functools.cache
-def _module(target):
-    """Import a module by its dotted name, or from a file."""
+def _module(target, changed):
+    """Import a module by its dotted name, or from a file that was ``changed`` then."""
     if not target.endswith(".py"):
         return importlib.import_module(target)
     path = Path(target)

@@ -168,7 +168,7 @@ class Driver:
             kind = "blocked"
         self.matrix = form.create_matrix(kind)
         self._residual_vector = self.grid.create_vector()
-        self.schur = self.hierarchy = None
+        self.schur = self.hierarchy = self._correction = None
         ts = PETSc.TS().create(comm=self.grid.comm)
         ts.setDM(multigrid.field_shell(form))
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
@@ -193,7 +193,7 @@ class Driver:
         self.schur = multigrid.configure(ksp, form)
         self.hierarchy = galerkin.Hierarchy(ksp, form) if galerkin.asked() else None
         if self.parameters.coarse_correction:
-            coarse.correct(ksp, ts.getDM(), form)
+            self._correction = coarse.correct(ksp, ts.getDM(), form)
         return ts
 
     def _check_options(self, ts):
@@ -237,6 +237,20 @@ class Driver:
         # The solver of a block has the block itself, so that nothing in it can be older.
         lag = database.getInt("snes_lag_preconditioner", 1)
         check("snes_lag_preconditioner", lag, lag == 1, "1 with @@dm_mat_type nest")
+
+    def destroy(self):
+        """Free the objects of PETSc, so that Python can free the rest. Collective.
+
+        TS and SNES hold methods of the driver as their callbacks, and the driver holds TS and SNES.
+        Python's collector of cycles does not see the references within PETSc.
+        """
+        dm = self.ts.getDM()  # to end last, or what its callbacks refer to would stay
+        self._tolerances = self.hierarchy = self.schur = None  # they hold SNES, KSP and PC
+        self.ts.destroy()
+        if self._correction:
+            self._correction.inner.destroy()
+            self._correction = None
+        dm.destroy()
 
     @property
     def started(self):

@@ -87,14 +87,16 @@ def _solve(asked, apart):
     """Run what PETSc's options say; an error that not all ranks share ends them."""
     from petsc4py import PETSc
 
-    from ..__main__ import complete, run as solve
+    from ..__main__ import complete, prepared
 
+    work = None
     try:
         texts = given_texts()
         parameters = cases.read(complete(texts))
         check_names(PETSc.Options().getAll(), (), parameters.rows)
         with strict(texts):
-            solve(parameters, PETSc.COMM_WORLD, asked)
+            work = prepared(parameters, PETSc.COMM_WORLD, asked)
+            work.do()
     except BaseException as error:
         cause = callback_error(error)
         if isinstance(cause, PETSc.Error):
@@ -103,3 +105,6 @@ def _solve(asked, apart):
         if isinstance(cause, (SolutionError, Interrupted)):
             cause = type(cause)(str(cause).replace("@", ""))  # by the names that Python has
         raise cause from None
+    finally:
+        if work:
+            work.free()  # all ranks come here, as others have ended

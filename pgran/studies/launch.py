@@ -165,8 +165,8 @@ def attributes(path, options_file, options=()):
     """Return the root attributes of a result that was begun with these options, or None.
 
     All resolved options are compared but `IGNORED`, and so are the options of PETSc, such as
-    -snes_atol, if the file stores them. The file must also be newer than the options file and than
-    the result or mode that the run starts from.
+    -snes_atol, if the file stores them. The file must also be newer than the options file, than a
+    file that holds the case, law or model, and than the result or mode that the run starts from.
 
     Parameters
     ----------
@@ -179,9 +179,10 @@ def attributes(path, options_file, options=()):
     parameters = asked(options_file, *options)
     if not holds(path, parameters):
         return None
-    sources = [name for name in (options_file, parameters.restart, parameters.seed)
-               if name and os.path.exists(name)]
-    if os.path.getmtime(path) < max(map(os.path.getmtime, sources)):
+    parts = (getattr(parameters, kind.name).rpartition(":")[0] for kind in cases.KINDS)
+    sources = [name for name in (options_file, parameters.restart, parameters.seed, *parts)
+               if name and os.path.isfile(name)]
+    if os.path.getmtime(path) < max(map(os.path.getmtime, sources), default=0.0):
         return None
     solver = {name: text for name, text in given(options_file, *options).items()
               if not name.startswith(PREFIX)}
