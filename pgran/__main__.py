@@ -13,6 +13,7 @@ one and stop with exit code 75; -pgran_restart NAME.h5 goes on from there.
 import resource
 import sys
 import time
+from functools import partial
 
 from .signals import Signals
 
@@ -36,13 +37,19 @@ def main(arguments):
         return doctor.main()
     asked = ASKED or Signals()
     return start(arguments, lambda parameters, own, comm: run(parameters, comm, asked), __doc__,
-                 complete=complete)
+                 complete=partial(complete, words=arguments))
 
 
-def complete(texts):
-    """Add the options of the run that a restart in time goes on from, {name: text}."""
+def complete(texts, words=()):
+    """Add the options of the run that a restart in time goes on from, {name: text}.
+
+    ``words`` is the command line. A restart that it names goes on in the file that it starts from,
+    unless the command line names another one; the output of an options file does not hold then.
+    """
     if not texts.get("pgran_restart") or steady():
         return texts
+    if "-pgran_restart" in words and "-pgran_output" not in words:
+        texts = {name: text for name, text in texts.items() if name != "pgran_output"}
     from .options import ParameterError
     from .output.reading import continued
 

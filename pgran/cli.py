@@ -561,7 +561,8 @@ def report_unread(comm):
     """
     from petsc4py import PETSc
 
-    left = unread()
+    # A file of another solver may follow one that chooses MUMPS.
+    left = {name: value for name, value in unread().items() if DIRECT.get(name) != value}
     known = (set(PETSc.Options().getAll()) - set(left)) | set(COMMON)
     for name, value in left.items():
         near = [other for other in sorted(known) if misspelt(name, other)]

@@ -62,3 +62,58 @@ def test_a_budget_reads_options_that_follow_a_flag_of_petsc():
     plain = run_ranks(0, "-m", "pgran.budget", "-pgran_element_size", "1", limit=60).stdout
     assert run_ranks(0, "-m", "pgran.budget", "-snes_monitor", "-pgran_element_size", "1",
                      limit=60).stdout == plain
+
+
+def test_a_restart_continues_in_its_own_file_unless_the_command_line_names_another(tmp_path):
+    (tmp_path / "file.opts").write_text("".join(
+        f"{name} {value}\n" for name, value in zip(SHORT[2::2], SHORT[3::2]))
+        + f"-options_file {SHORT[1]}\n-pgran_output {tmp_path}/of_file.h5\n")
+    mine, other = tmp_path / "mine.h5", tmp_path / "other.h5"
+    run = "-m", "pgran", "-options_file", tmp_path / "file.opts"
+    run_ranks(0, *run, "-pgran_output", mine, "-ts_max_steps", 1, limit=60)
+    steps = len(pgran.open(mine).history["time"])
+    run_ranks(0, *run, "-pgran_restart", mine, "-ts_max_steps", 2, limit=60)
+    assert len(pgran.open(mine).history["time"]) == steps + 1
+    assert not (tmp_path / "of_file.h5").exists()
+    run_ranks(0, *run, "-pgran_restart", mine, "-pgran_output", other, limit=60)
+    assert pgran.open(other).complete and not pgran.open(mine).complete
+
+
+def test_a_steady_run_from_a_snapshot_writes_the_output_of_its_options_file(tmp_path):
+    (tmp_path / "steady.opts").write_text(
+        f"-options_file {ROOT}/options/steady.opts\n-pgran_output {tmp_path}/steady.h5\n")
+    run_ranks(0, "-m", "pgran", *SHORT, "-pgran_output", tmp_path / "time.h5", limit=60)
+    before = (tmp_path / "time.h5").read_bytes()
+    run_ranks(0, "-m", "pgran", "-options_file", tmp_path / "steady.opts", "-pgran_element_size",
+              20, "-pgran_restart", tmp_path / "time.h5", limit=60)
+    assert pgran.open(tmp_path / "steady.h5").complete
+    assert (tmp_path / "time.h5").read_bytes() == before
+
+
+def test_launch_refuses_another_result_file_than_its_own(tmp_path):
+    done = run_ranks(0, "-m", "pgran.studies", "launch", tmp_path / "a.h5", SHORT[1],
+                     "-pgran_output", tmp_path / "b.h5", limit=60, check=False)
+    assert done.returncode == 1 and not list(tmp_path.iterdir())
+    assert f"-pgran_output {tmp_path}/b.h5: the result file of this run is {tmp_path}/a.h5" in (
+        done.stderr)
+
+
+@pytest.mark.parametrize("command, given, message", [
+    ("pgran", [*SHORT, "-ts_dt", "1e-4"], "-ts_dt 1e-4: the size of a step follows from "
+     "-pgran_step_first"),
+    ("pgran.growth", ["-pgran_restart", "x.h5"], "-pgran_restart x.h5: the reference flow"),
+    ("pgran.stability", ["-cutoff", "-parity", "barrel"], "-parity: allowed only with -specimen"),
+    ("pgran.stability", ["-posedness", "-base_flow", "simple_shear"], "-base_flow: allowed only"),
+    ("pgran.stability", ["-wave_vector", "0.1,0.1", "-end", "2"], "-end 2: allowed only with")])
+def test_an_option_that_would_be_ignored_is_refused(command, given, message, tmp_path):
+    output = ("-pgran_output", tmp_path / "x.h5") if command == "pgran" else ()
+    done = run_ranks(0, "-m", command, *given, *output, limit=60, check=False)
+    assert done.returncode == 1 and message in done.stderr, done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_options_file_of_multigrid_after_one_of_mumps_gives_no_note(tmp_path):
+    done = run_ranks(0, "-m", "pgran", "-options_file", ROOT / "options" / "planar_shear.opts",
+                     "-options_file", ROOT / "options" / "flows_mg.opts", "-pgran_height", 4,
+                     "-pgran_output", tmp_path / "x.h5", limit=60)
+    assert "nothing has read" not in done.stderr

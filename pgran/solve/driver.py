@@ -205,9 +205,12 @@ class Driver:
         check("ts_max_steps", ts.getMaxSteps(), ts.getMaxSteps() >= 1, "an integer >= 1")
         check("ts_init_time", ts.getTime(), ts.getTime() == self._time,
               f"{self._time:g}, where this run begins")
-        dt = ts.getTimeStep()
-        check("ts_dt", dt, 0.0 < dt < np.inf, "a number > 0")
         database = PETSc.Options()
+        for name in ("ts_dt", "ts_time_step"):  # the latter from PETSc 3.23 on
+            if database.hasName(name):
+                raise ParameterError(name, database.getString(name), "the size of a step follows "
+                                     "from @step_first, @step_max and @step_error; allowed are "
+                                     "these", prefix="")
         # PETSc 3.26 takes a negative number as no limit.
         most = database.getInt("snes_max_it", ts.getSNES().getTolerances()[3])
         check("snes_max_it", most, most >= 1, "an integer >= 1")

@@ -204,8 +204,13 @@ def pending(path, options_file, *options):
     """Return the options (a list of words) with which a run to ``path`` begins or goes on.
 
     None if it is `done`. A run that was stopped or killed goes on from its last checkpoint. The
-    parameters are those of `done`.
+    parameters are those of `done`. Raises `pgran.options.OptionError` if ``options`` name another
+    result file.
     """
+    elsewhere = parsed(options).get(f"{PREFIX}output", str(path))
+    if elsewhere != str(path):
+        raise OptionError(f"-{PREFIX}output {elsewhere}: the result file of this run is {path}; "
+                          "leave the option out")
     if done(path, options_file, options):
         return None
     begun = attributes(path, options_file, options) is not None and checkpoints_of(path)
