@@ -457,10 +457,11 @@ class Driver:
     def _check_mesh(self, state):
         """Refuse a state whose mesh is turned inside out, or leaves its domain. Collective."""
         nodes, owned = self.grid.nodes, self.grid.nodes.owned
-        turned = least_determinant(state.x[:, self.grid.element_nodes])
+        elements = self.grid.element_nodes[:, self.grid.elements.owned]
+        turned = least_determinant(state.x[:, elements])
         found = None
         if not (turned > 0.0).all():
-            middle = state.x[:, self.grid.element_nodes[NODES // 2]]
+            middle = state.x[:, elements[NODES // 2]]
             found = "an element is turned inside out", middle[:, np.argmin(turned)].tolist()
         out = self.case.misplaced(state.time, state.x[:, owned], nodes.i[owned], nodes.j[owned])
         if out is not None and found is None and out[0].any():
