@@ -317,23 +317,10 @@ class Parameters(SimpleNamespace):
         values = {row.name: getattr(self, row.name) for row in self._rows}
         return Parameters(self._rows, self._parts, **{**values, **changes})
 
-    def __reduce__(self):
-        """Pickle by the names of the parts: their classes may come from files."""
-        return _unpickled, ({name: getattr(self, name) for name in self._parts},
-                            {row.name: getattr(self, row.name) for row in self._rows})
-
     def text(self):
         """Return the parameters as the lines of an options file."""
         return "".join(f"-{row.prefix}{row.name} {plain(getattr(self, row.name))}\n"
                        for row in self._rows if getattr(self, row.name) is not None)
-
-
-def _unpickled(names, values):
-    """Return the `Parameters` of parts by their names and of all values by theirs."""
-    from .cases import KINDS  # which imports this module
-
-    parts = {kind.name: kind.load(names[kind.name]) for kind in KINDS if kind.name in names}
-    return Parameters(table(parts).values(), parts, **values)
 
 
 def plain(value):
