@@ -12,8 +12,10 @@
 # points of a script that calls pgran.sweep (docs/examples/sweep.py). scaling is
 # jobs/bench/weak.sh on 1, 2, 4, ... ranks. job is any script of jobs/.
 #
-# The script, pgran-KIND.slurm or pgran-KIND.pbs, is written to the present folder. Time and memory of
-# run and chain are twice what pgran.budget estimates. PGRAN_TIME (HH:MM:SS) and PGRAN_MEMORY (GB)
+# The script is written to the present folder: pgran-KIND-NAME.slurm or pgran-KIND-NAME.pbs, where NAME
+# is that of the result file, or of SCRIPT.py or jobs/NAME.sh. The result file of run and chain is
+# -pgran_output, of the options or of FILE.opts, or results/FILE.h5. A script of another result is not
+# overwritten. Time and memory of run and chain are twice what pgran.budget estimates. PGRAN_TIME (HH:MM:SS) and PGRAN_MEMORY (GB)
 # take their place, and PGRAN_MARGIN seconds (a twentieth of the time, at least 60) are left to write
 # the last checkpoint.
 set -euo pipefail
@@ -41,20 +43,34 @@ estimate() {  # hours and memory of a run with an options file and options
     sed -n 's/^# Budget: [0-9]* ranks, \([0-9]*\) hours, \([0-9]*\) GB$/\1 \2/p' <<< "$line"
 }
 
-hours=1 memory=$((2 * ranks)) array=""
+result() {  # the result file of a run with an options file and options
+    PYTHONPATH="$home" "$python" - "$@" <<'CODE'
+import sys
+from pathlib import Path
+from pgran.cli import given
+print(given(*sys.argv[1:]).get("pgran_output", f"results/{Path(sys.argv[1]).stem}.h5"))
+CODE
+}
+
+hours=1 memory=$((2 * ranks)) array="" output="" name=pgran-$kind
 case $kind in
     run | chain)
         (($#)) || usage "$kind: FILE.opts is missing"
         found=$(estimate "$@")
         read -r hours memory <<< "$found"
-        output=$(basename "$1" .opts).h5
-        printf -v body ' %q' "results/$output" "$@"
+        output=$(result "$@")
+        options=()
+        for ((n = 1; n <= $#; n++)); do
+            if [[ ${!n} == -pgran_output ]]; then n=$((n + 1)); else options+=("${!n}"); fi
+        done
+        name+=-$(basename "$output" .h5)
+        printf -v body ' %q' "$output" "${options[@]}"
         body="\"\$PGRAN_PYTHON\" -m pgran.studies launch$body"
         ;;
     sweep)
         (($# == 4)) || usage "sweep: SCRIPT.py POINTS HOURS MEMORY_GB are needed"
         [[ $2 =~ ^[1-9][0-9]*$ ]] || usage "$2: allowed is a number of points"
-        hours=$3 memory=$4 array="0-$(($2 - 1))"
+        hours=$3 memory=$4 array="0-$(($2 - 1))" name+=-$(basename "$1" .py)
         printf -v body '%q' "$1"
         body="\"\$PGRAN_PYTHON\" $body"
         ;;
@@ -65,7 +81,7 @@ case $kind in
         ;;
     job)
         (($# >= 3)) || usage "job: HOURS MEMORY_GB jobs/NAME.sh are needed"
-        hours=$1 memory=$2
+        hours=$1 memory=$2 name+=-$(basename "$3" .sh)
         printf -v body ' %q' "${@:3}"
         body="bash$body"
         ;;
@@ -79,7 +95,9 @@ clock=${PGRAN_TIME:-$clock} memory=${PGRAN_MEMORY:-$memory}
 seconds=$((10#${BASH_REMATCH[1]} * 3600 + 10#${BASH_REMATCH[2]} * 60 + 10#${BASH_REMATCH[3]}))
 margin=${PGRAN_MARGIN:-$((seconds / 20 > 60 ? seconds / 20 : 60))}
 ((margin < seconds)) || usage "PGRAN_MARGIN $margin: allowed are fewer seconds than $clock has"
-name=pgran-$kind file=pgran-$kind.$system
+name=${name//[^A-Za-z0-9._-]/_} file=$name.$system made="# Result: ${output:-of the script}"
+[[ ! -e $file ]] || grep -qxF "$made" "$file" \
+    || usage "$file: it is there and writes another result; rename or remove it first"
 
 if [[ $system == slurm ]]; then
     directives="#SBATCH --job-name=$name
@@ -121,6 +139,7 @@ cat > "$file" <<TEMPLATE
 # pgran: $kind, from the repository. Made by jobs/cluster.sh; change that.
 #
 # Budget: $ranks ranks, $clock hours, $memory GB.
+$made
 # PGRAN_PYTHON is the Python that has petsc4py and pgran; PGRAN_LAUNCH starts the ranks.
 $directives
 set -euo pipefail

@@ -13,6 +13,7 @@ one and stop with exit code 75; -pgran_restart NAME.h5 goes on from there.
 import resource
 import sys
 import time
+from functools import partial
 
 from .signals import Signals
 
@@ -36,13 +37,19 @@ def main(arguments):
         return doctor.main()
     asked = ASKED or Signals()
     return start(arguments, lambda parameters, own, comm: run(parameters, comm, asked), __doc__,
-                 complete=complete)
+                 complete=partial(complete, words=arguments))
 
 
-def complete(texts):
-    """Add the options of the run that a restart in time goes on from, {name: text}."""
+def complete(texts, words=()):
+    """Add the options of the run that a restart in time goes on from, {name: text}.
+
+    ``words`` is the command line. A restart that it names goes on in the file that it starts from,
+    unless the command line names another one; the output of an options file does not hold then.
+    """
     if not texts.get("pgran_restart") or steady():
         return texts
+    if "-pgran_restart" in words and "-pgran_output" not in words:
+        texts = {name: text for name, text in texts.items() if name != "pgran_output"}
     from .options import ParameterError
     from .output.reading import continued
 
@@ -67,13 +74,18 @@ def run(parameters, comm, asked):
     Interrupted
         If a signal stops it; a checkpoint is written first.
     """
+    prepared(parameters, comm, asked).do()
+
+
+def prepared(parameters, comm, asked):
+    """Return the `Run` of the parameters, which has not begun; see `run`. Collective."""
     from .options import ParameterError
     from .space.weakform import discretise
 
     if parameters.inertia and steady() and parameters.part("case").moving:
         raise ParameterError("inertia", "true", "steady flow on a mesh that moves is quasi-static; "
                              "allowed with -ts_type pseudo is false")
-    Run(discretise(parameters, comm), steady(), asked).do()
+    return Run(discretise(parameters, comm), steady(), asked)
 
 
 class Run:
@@ -144,6 +156,11 @@ class Run:
             self.finish()
         finally:
             self.writer.close()
+
+    def free(self):
+        """Free what the run holds in PETSc and MPI; nothing can be asked of it afterwards."""
+        self.driver.destroy()
+        self.apart.Free()
 
     def begin(self, tried=True):
         """Make the result file.

@@ -14,7 +14,7 @@ import sys
 from typing import NamedTuple
 
 from . import cases
-from .cli import HEADS, HELP, JSON, answer, as_json, own, read_file
+from .cli import HEADS, HELP, JSON, VERSION, answer, as_json, is_option, own, read_file
 from .options import PREFIX, OptionError
 from .output import pace
 
@@ -81,15 +81,16 @@ def run(parameters, asked, solver):
 
 def main(arguments):
     """Estimate what the command line ``arguments`` asks for; return the exit code."""
-    texts, mine = {}, []
-    words = iter(arguments)
+    texts, mine, words = {}, [], list(arguments)
     try:
-        for word in words:
+        while words:
+            word = words.pop(0)
             name = word.lstrip("-")
+            value = words.pop(0) if name == "options_file" and words else None
             if name == "options_file":
-                texts.update(read_file(next(words, "")))
-            elif word not in HELP and name.split("_")[0] in HEADS:
-                texts[name] = next(words, "")
+                texts.update(read_file(value or ""))
+            elif word not in (*HELP, *VERSION) and name.split("_")[0] in HEADS:
+                texts[name] = words.pop(0) if words and not is_option(words[0]) else ""
             else:
                 mine.append(word)
     except OptionError as problem:

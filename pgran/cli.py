@@ -6,6 +6,7 @@ A command that runs on ranks passes its work to `start`; one that needs numpy on
 
 import importlib
 import json
+import locale
 import os
 import re
 import shlex
@@ -13,12 +14,13 @@ import signal
 import sys
 import time
 import traceback
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
-from . import cases, options
+from . import __version__, cases, options
 from .options import Interrupted, Option, OptionError, ParameterError, SolutionError
 from .signals import SIGNALS
 from .versions import FIRST, callback_error, was_read
@@ -26,6 +28,7 @@ from .versions import FIRST, callback_error, was_read
 HELP = ("-help", "--help", "-h")
 #: The word after -help that asks for every option.
 ALL = "all"
+VERSION = "-version", "--version"
 #: What one needs first, and where the rest is.
 FIRST_HELP = f"""Options of a run:
   -options_file FILE          options, one in a line; options/*.opts are ready ones
@@ -36,8 +39,8 @@ FIRST_HELP = f"""Options of a run:
   -pgran_restart NAME.h5      go on from the last checkpoint of a run
 
 -help {ALL} shows every option, -help -pgran_case NAME those of a case (or law, or model) too, and
-docs/options.md explains them. -doctor says whether this installation fits together. PETSc's options
-(-ts_, -snes_, -ksp_, -pc_, -log_view, ...) hold too."""
+docs/options.md explains them. -doctor checks this installation, and -version prints the version.
+PETSc's options (-ts_, -snes_, -ksp_, -pc_, -log_view, ...) hold too."""
 #: Errors that are told in one message; all ranks raise them together.
 TOLD = OptionError, ParameterError, SolutionError
 #: Exit code of a run that was asked to stop and can go on (EX_TEMPFAIL of sysexits.h).
@@ -68,6 +71,9 @@ OUTSIDE = ("options_file", "options_left", "options_view", "options_monitor", "s
            "malloc_dump", "malloc_view", "malloc_view_threshold", "malloc_test", "memory_view",
            "objects_dump", "citations", "on_error_abort", "on_error_attach_debugger",
            "on_error_mpiabort", "not_shared_tmp", "shared_tmp", "ts_view", "ts_converged_reason")
+#: Those that PETSc reads only when it starts or ends.
+AT_START = tuple(name for name in OUTSIDE if name not in (
+    "options_file", "options_left", "skip_petscrc", "ts_view", "ts_converged_reason"))
 #: Options of PETSc that a misspelt one may have meant.
 COMMON = ("ts_type", "ts_max_steps", "ts_monitor", "ts_adapt_scale_solve_failed",
           "ts_pseudo_increment", "ts_pseudo_fatol", "ts_pseudo_frtol", "snes_type", "snes_rtol",
@@ -101,6 +107,9 @@ def start(arguments, action, description="", rows=(), slepc=False,
           complete=lambda texts: texts):
     """Start PETSc, do ``action(parameters, own, comm)`` and return the exit code. Collective.
 
+    Without options it prints what ``-help`` prints. Where PETSc has already been initialised in
+    this process, its options are set aside meanwhile.
+
     An error of `TOLD`, of PETSc or of memory that all ranks raise becomes one message of rank 0.
     What strikes only some ranks ends them all.
 
@@ -127,11 +136,16 @@ def start(arguments, action, description="", rows=(), slepc=False,
         0 after success, `STOPPED` if a signal stopped the run, and 1 after an error.
     """
     guard_streams()
+    running = petsc_runs()
     wants_help, everything_asked = _help_asked(arguments)
     given, problem = [word for word, before in zip(arguments, ["", *arguments])
-                      if word not in HELP and not (word == ALL and before in HELP)], None
+                      if word not in (*HELP, *VERSION)
+                      and not (word == ALL and before in HELP)], None
+    found = {}
     try:
-        check_sources(given[1:])
+        found = check_sources(given[1:])
+        if running:
+            refuse_at_start(found)
     except OptionError as error:  # so that PETSc starts, and all ranks can end together
         given, problem = [*given[:1], "-skip_petscrc"], error
         for name in SOURCES:
@@ -147,25 +161,81 @@ def start(arguments, action, description="", rows=(), slepc=False,
         signal.signal(number, handler)  # as before PETSc took it
     comm, texts = PETSc.COMM_WORLD, {}
     apart = comm.tompi4py().Dup()  # so that waiting for the others meets no message of the work
+    with decimal_points(), database(found) if running else nullcontext():
+        try:
+            if problem:
+                raise problem
+            if set(VERSION) & set(arguments):
+                if comm.rank == 0:
+                    print(f"pgran {__version__}", flush=True)
+                return 0
+            everything = PETSc.Options().getAll()
+            texts = given_texts(rows)
+            if wants_help or not arguments[1:]:
+                if comm.rank == 0:
+                    print(help_text(description, rows, _rows_for_help(texts)
+                                    if everything_asked or wants_help and texts else ()),
+                          flush=True)
+                return 0 if wants_help else 1
+            parameters = cases.read(complete(texts))
+            check_names(everything, rows, parameters.rows)
+            values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
+                                        else row.default for row in rows})
+            with strict(texts):
+                action(parameters, values, comm)
+            return int(bool(rows) and sys.stdout.failed)  # its answer is lost; a run has its file
+        except BaseException as error:
+            return _told(error, comm, apart, extreme(texts))
+
+
+def petsc_runs():
+    """Return whether PETSc has been initialised in this process."""
+    module = sys.modules.get("petsc4py.PETSc")
+    return module is not None and module.Sys.isInitialized()
+
+
+@contextmanager
+def database(texts):
+    """Let PETSc have the options {name: text} and no others, until the context ends."""
+    from petsc4py import PETSc
+
+    present = PETSc.Options()
+
+    def take(wanted):
+        before = {name: present.getString(name, "") for name in present.getAll()}
+        for name in before:
+            present.delValue(name)
+        for name, text in wanted.items():
+            present.setValue(name, text)
+        return before
+
+    before = take(texts)
     try:
-        if problem:
-            raise problem
-        everything = PETSc.Options().getAll()
-        texts = given_texts(rows)
-        if wants_help:
-            if comm.rank == 0:
-                print(help_text(description, rows, _rows_for_help(texts)
-                                if everything_asked or texts else ()), flush=True)
-            return 0
-        parameters = cases.read(complete(texts))
-        check_names(everything, rows, parameters.rows)
-        values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
-                                    else row.default for row in rows})
-        with strict(texts):
-            action(parameters, values, comm)
-        return int(bool(rows) and sys.stdout.failed)  # its answer is lost; a run has its file
-    except BaseException as error:
-        return _told(error, comm, apart, extreme(texts))
+        yield
+    finally:
+        take(before)
+
+
+@contextmanager
+def decimal_points():
+    """Let C read and write numbers with a decimal point, as PETSc's options have it.
+
+    PETSc reads numbers by strtod, which follows the locale of the process.
+    """
+    before = locale.setlocale(locale.LC_NUMERIC)
+    locale.setlocale(locale.LC_NUMERIC, "C")
+    try:
+        yield
+    finally:
+        locale.setlocale(locale.LC_NUMERIC, before)
+
+
+def refuse_at_start(texts):
+    """Raise `OptionError` if {name: text} has an option that PETSc reads only when it starts."""
+    for name in AT_START:
+        if name in texts:
+            raise OptionError(f"-{name}: PETSc reads this option only when it starts, and it runs "
+                              "in this process already; allowed in a process of its own")
 
 
 def _told(error, comm, apart, beyond):
@@ -288,8 +358,9 @@ def is_option(text):
 def check_sources(words):
     """Check the words of a command line, and all else that PETSc reads options from.
 
-    That is PETSC_OPTIONS, and .petscrc and petscrc in the home and in the present folder. Raises
-    `OptionError` as `check_command_line` and `read_file` do.
+    That is PETSC_OPTIONS, and .petscrc and petscrc in the home and in the present folder. Returns
+    what PETSc finds in all of them, {name: text}. Raises `OptionError` as `check_command_line` and
+    `read_file` do.
     """
     try:
         more = shlex.split(os.environ.get(SOURCES[0], ""))
@@ -299,11 +370,11 @@ def check_sources(words):
     check_command_line(more, SOURCES[0])
     if os.environ.get(SOURCES[1]):
         raise OptionError(f"{SOURCES[1]}: {NO_YAML}")
-    if "-skip_petscrc" in words + more:
-        return
+    found = {}
     for path in (Path(os.path.expanduser("~"), ".petscrc"), Path(".petscrc"), Path("petscrc")):
-        if os.path.exists(path):  # no error where the home may not be entered
-            read_file(path, label=path)
+        if "-skip_petscrc" not in words + more and os.path.exists(path):
+            found.update(read_file(path, label=path))
+    return {**found, **given(None, *more), **given(None, *words)}
 
 
 def check_name(word, where):
@@ -387,6 +458,33 @@ def read_file(path, above=(), label=None):
     return found
 
 
+def parsed(tokens):
+    """Return {name: text} of options ``-name value``; the last one of a name holds."""
+    texts, name = {}, None
+    for token in map(str, tokens):
+        if is_option(token):
+            name = token.lstrip("-")
+            texts[name] = ""
+        elif name:
+            texts[name], name = token, None
+    return texts
+
+
+def given(options_file, *words):
+    """Return {name: text} of an options file (None: of none) and of options that win over it.
+
+    Further files that the options name win over the first one. Raises `pgran.options.OptionError`
+    where a file cannot be read.
+    """
+    further = [path for word, path in zip(words, words[1:]) if str(word) == "-options_file"]
+    texts = {}
+    for path in filter(None, (options_file, *further)):
+        texts.update(read_file(path))
+    texts.update(parsed(words))
+    texts.pop("options_file", None)
+    return texts
+
+
 def file_first(arguments):
     """Return ``arguments`` with -options_file at the front, so that the command line wins over it.
 
@@ -424,7 +522,8 @@ def check_names(everything, rows, run_rows):
     ``everything`` = {name: text} are all options, ``rows`` and ``run_rows`` the `Option`s of the
     command and of the run. Raises `OptionError`.
     """
-    mine = {name: f"-{name}" for name in (*(row.name for row in rows), "options_file")}
+    mine = {name: f"-{name}" for name in (*(row.name for row in rows), "options_file", "help",
+                                          "version", "doctor")}
     runs = {row.name: f"-{row.prefix}{row.name}" for row in run_rows}
     for name, value in everything.items():
         if name in mine or name.startswith(options.PREFIX):
@@ -462,7 +561,8 @@ def report_unread(comm):
     """
     from petsc4py import PETSc
 
-    left = unread()
+    # A file of another solver may follow one that chooses MUMPS.
+    left = {name: value for name, value in unread().items() if DIRECT.get(name) != value}
     known = (set(PETSc.Options().getAll()) - set(left)) | set(COMMON)
     for name, value in left.items():
         near = [other for other in sorted(known) if misspelt(name, other)]
@@ -564,6 +664,9 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
         Whether the command takes the options of a run.
     """
     guard_streams()
+    if set(VERSION) & set(arguments):
+        print(f"pgran {__version__}")
+        return 0
     texts = {}
     try:
         wants_help, everything_asked = _help_asked(arguments)

@@ -4,6 +4,7 @@ Each library is tried in a process of its own, so that one which crashes is told
 """
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -52,6 +53,8 @@ facts = dict(mpi=sorted({os.path.realpath(line.split()[-1]) for line in open("/p
 #: What is known to hold Open MPI up.
 HELD_UP = (" (slow; on one machine export PMIX_MCA_psec=native, so that it does not wait for a "
            "munge that does not run, and OMPI_MCA_btl=self,vader)")
+#: Variables without which Open MPI's mpiexec refuses root.
+ALLOW_ROOT = "OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"
 #: Each rank writes at once, so that answers do not mix.
 RANKS = "import os; from mpi4py import MPI; os.write(1, b' %d ' % MPI.COMM_WORLD.size)"
 
@@ -110,7 +113,7 @@ def examined():
         yield Finding(len(both["mpi"]) == 1, "one MPI library in the process: "
                       + (", ".join(both["mpi"]) or "none"), "rebuild mpi4py and h5py with the MPI "
                       "of PETSc: MPICC=mpicc pip install --no-binary :all: mpi4py")
-    yield _launcher()
+    yield _launcher(mpi)
     scipy = facts("import scipy; facts = dict(version=scipy.__version__)")
     yield Finding(not isinstance(scipy, str), f"scipy: {scipy}" if isinstance(scipy, str) else
                   f"scipy {scipy['version']}", "install scipy, with Debian's petsc4py by pip "
@@ -142,7 +145,13 @@ def _petsc(found):
                    "--download-scalapack; without MUMPS only multigrid solves")
 
 
-def _launcher():
+def refuses_root(mpi):
+    """Return whether mpiexec would refuse this user; ``mpi`` holds the facts of `MPI`."""
+    return (not isinstance(mpi, str) and "Open MPI" in mpi["library"] and os.geteuid() == 0
+            and not all(os.environ.get(name) for name in ALLOW_ROOT))
+
+
+def _launcher(mpi):
     """Whether mpiexec starts ranks that know of each other."""
     path = shutil.which("mpiexec")
     if not path:
@@ -157,6 +166,9 @@ def _launcher():
         sizes = done.stdout.split()
     except subprocess.TimeoutExpired:
         sizes = ["no answer"]
+    if refuses_root(mpi):
+        return Finding(False, f"{path}: Open MPI refuses to start as root", "export "
+                       + " ".join(f"{name}=1" for name in ALLOW_ROOT) + ", or use another account")
     return Finding(sizes == ["2", "2"], f"{path} starts 2 ranks that see "
                    f"{' and '.join(sizes) or 'nothing'}", "mpiexec must belong to the MPI of "
                    "mpi4py: two ranks that each see 1 are two runs")

@@ -14,7 +14,7 @@ creeps are printed beside it.
 import sys
 
 from .cli import JSON, as_json, own, report_unread, start
-from .options import OptionError
+from .options import OptionError, ParameterError
 
 ROWS = (
     own("dt", "floats", "steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True),
@@ -41,6 +41,10 @@ def run(parameters, asked, comm):
     if len(set(asked.dt)) < len(asked.dt):
         raise OptionError(f"-dt {','.join(f'{dt:g}' for dt in asked.dt)}: allowed are steps that "
                           "differ")
+    for name in ("restart", "seed"):
+        if value := getattr(parameters, name):
+            raise ParameterError(name, value, "the reference flow is linearised; allowed is none; "
+                                 "pgran.eigen takes a snapshot")
     form = discretise(parameters.part("case").homogeneous(parameters), comm)
     rows = []
     for dt in asked.dt:

@@ -11,6 +11,7 @@ import functools
 import importlib
 import importlib.util
 import math
+import os
 import pkgutil
 import sys
 from dataclasses import dataclass
@@ -364,7 +365,7 @@ class Part:
             refuse("allowed is " + " | ".join(
                 parts_of(importlib.import_module(self.package).__path__)))
         try:
-            module = _module(target) if target else importlib.import_module(
+            module = _module(target, _changed(target)) if target else importlib.import_module(
                 f"{self.package}.{text}")
         except (Exception, SystemExit) as problem:  # a user's file may fail in any way
             refuse(f"{target} cannot be imported: {type(problem).__name__}: "
@@ -384,9 +385,14 @@ class Part:
         return found
 
 
+def _changed(target):
+    """When a file was changed last, ns, so that it is read again; None for a dotted name."""
+    return os.stat(target).st_mtime_ns if os.path.isfile(target) else None
+
+
 @functools.cache
-def _module(target):
-    """Import a module by its dotted name, or from a file."""
+def _module(target, changed):
+    """Import a module by its dotted name, or from a file that was ``changed`` then."""
     if not target.endswith(".py"):
         return importlib.import_module(target)
     path = Path(target)

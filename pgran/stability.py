@@ -92,9 +92,15 @@ def analyse(parameters, asked):
     if len(questions) != 1:
         raise OptionError("-wave_vector k1,k2, -cutoff, -posedness or -specimen: one of them says "
                           "what is asked")
-    for name, question in (("convection", "wave_vector"), ("amplification", "wave_vector")):
-        if getattr(asked, name) and questions != [question]:
-            raise OptionError(f"-{name}: allowed only with -{question}")
+    for name, questions_of in (
+            ("convection", ["wave_vector"]), ("amplification", ["wave_vector"]),
+            ("base_flow", ["wave_vector", "cutoff"]), ("half_waves", ["specimen"]),
+            ("parity", ["specimen"])):
+        changed = getattr(asked, name) != next(row.default for row in ROWS if row.name == name)
+        if changed and questions[0] not in questions_of:
+            raise OptionError(f"-{name}: allowed only with -{' or -'.join(questions_of)}")
+    if asked.end != 1.0 and not asked.amplification:
+        raise OptionError(f"-end {asked.end:g}: allowed only with -amplification")
     if questions == ["posedness"]:
         return {**given, "model": LOCAL, **posedness(law, parameters.inertial_number)}
     if model is None:

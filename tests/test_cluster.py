@@ -39,7 +39,8 @@ def folder(tmp_path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_script_is_valid_and_has_its_budget(folder, system, kind):
     made(folder, system, kind, *KINDS[kind])
-    text = (folder / f"pgran-{kind}.{system}").read_text()
+    name = {"scaling": "", "sweep": "-sweep", "job": "-fig6"}.get(kind, "-biaxial")
+    text = (folder / f"pgran-{kind}{name}.{system}").read_text()
     subprocess.run(["bash", "-n"], input=text, text=True, check=True)
     ranks = KINDS[kind][0]
     assert re.search(rf"# Budget: {ranks} ranks, \d+:00:00 hours, \d+ GB\.", text)
@@ -80,8 +81,8 @@ def test_a_chain_goes_on_until_it_is_finished_with_the_answer_of_one_run(folder)
     environment = {**launch.command(0)[1], "PGRAN_PYTHON": sys.executable,
                    "PBS_O_WORKDIR": str(folder), "PATH": f"{folder}:{os.environ['PATH']}"}
     for link in range(1, 20):
-        done = subprocess.run(["bash", "pgran-chain.pbs"], cwd=folder, env=environment, check=False,
-                              timeout=60, capture_output=True, text=True)
+        done = subprocess.run(["bash", "pgran-chain-biaxial.pbs"], cwd=folder, env=environment,
+                              check=False, timeout=60, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr
         queued = (folder / "queued").read_text().count("again") if (folder / "queued").exists() \
             else 0
@@ -96,6 +97,32 @@ def test_a_chain_goes_on_until_it_is_finished_with_the_answer_of_one_run(folder)
     assert len(whole.history["time"]) == len(result.history["time"])
     for name in ("pressure", "fluidity"):
         assert result.snapshots[-1][name] == pytest.approx(whole.snapshots[-1][name], rel=1e-6)
+
+
+@pytest.mark.parametrize("given, result", [
+    ([], "results/biaxial.h5"), (["-pgran_output", "my/own run.h5"], "my/own\\ run.h5"),
+    (["-options_file", "more.opts"], "of/file.h5")])
+def test_a_script_writes_the_result_that_is_asked_for(folder, given, result):
+    (folder / "more.opts").write_text("-pgran_output of/file.h5\n")
+    file = made(folder, "pbs", "run", "1", "options/biaxial.opts", "-pgran_A", "0.5", *given)
+    text = (folder / file.stdout.strip()).read_text()
+    line = next(line for line in text.splitlines() if "launch" in line)
+    assert f"launch {result} options/biaxial.opts -pgran_A 0.5" in line
+    assert "-pgran_output" not in line
+
+
+def test_two_chains_have_scripts_of_their_own(folder):
+    def chain(output, check=True):
+        return made(folder, "pbs", "chain", "1", "options/biaxial.opts", "-pgran_output", output,
+                    check=check)
+
+    names = [chain(output).stdout.strip() for output in ("a.h5", "b.h5", "a.h5")]
+    assert names == ["pgran-chain-a.pbs", "pgran-chain-b.pbs", "pgran-chain-a.pbs"]
+    assert all(f"qsub {name}" in (folder / name).read_text() for name in names)
+    text = (folder / "pgran-chain-a.pbs").read_text()
+    other = chain("other/a.h5", check=False)
+    assert other.returncode == 1 and "writes another result" in other.stderr
+    assert (folder / "pgran-chain-a.pbs").read_text() == text
 
 
 @pytest.mark.parametrize("given, wanted", [

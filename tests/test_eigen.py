@@ -181,3 +181,13 @@ sys.exit(main(sys.argv))
 ])
 def test_bad_input_gets_one_clear_error(arguments, message):
     refused(eigen(2, *arguments, "-json", check=False, limit=60), message)
+
+
+def test_the_spectrum_about_a_snapshot_of_a_flowing_specimen_is_found_by_default(tmp_path):
+    """Newton's method for the undisturbed step starts far from its solution."""
+    run_ranks(0, "-m", "pgran", "-options_file", ROOT / "options" / "direct.opts",
+              "-pgran_element_size", 8, "-pgran_compression", 0.02, "-pgran_output",
+              tmp_path / "x.h5")
+    found = json.loads(run_ranks(0, "-m", "pgran.eigen", "-pgran_restart", tmp_path / "x.h5",
+                                 "-json").stdout)
+    assert found[0]["computed"] > 0.0 and all(row["residual"] < 1e-6 for row in found)

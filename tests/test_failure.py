@@ -1,10 +1,14 @@
 """What goes wrong is told with reason and place, and stops all ranks; docs/troubleshooting.md."""
 
+import re
+
 import h5py
+import numpy as np
 import pytest
-from conftest import ROOT, pgran, refused, run_ranks
+from conftest import ROOT, at_rest, discretised, pgran, refused, run_ranks
 
 from pgran.output import checkpoint
+from pgran.solve import failure
 
 COARSE = "-pgran_element_size", 8, "-pgran_progress", "quiet"
 PAGE = (ROOT / "docs" / "troubleshooting.md").read_text()
@@ -27,8 +31,9 @@ PAGE = (ROOT / "docs" / "troubleshooting.md").read_text()
         "What may help: loads that leave the pressure positive")),
     ("direct.opts", ("-pgran_law", "jop", "-pgran_inertial_number", 0.1, "-pgran_mu_2", 0.45,
                      "-pgran_step_first", 0.01, "-pgran_step_max", 1, "-pgran_step_min", 1e-3), (
-        "the residual is not a number", "mu reaches 2.513 at x = (", "112.8) d, where the law",
-        "What may help: a smaller -pgran_step_max")),
+        "the residual is not a number", "mu reaches 2.513 at x = (",
+        "112.8) d, and the law bears less than 0.45", "What may help: a start and loads that need "
+        "mu < 0.45 everywhere, a smaller -pgran_step_max")),
     ("direct.opts", ("-pgran_step_error", 1e-9, "-pgran_step_min", 1e-4, "-pgran_step_first", 1e-3,
                      "-pgran_compression", 0.01), (
         "no step down to -pgran_step_min 0.0001 converges", "departs", "from the extrapolation",
@@ -179,3 +184,20 @@ def test_an_error_that_all_ranks_meet_is_told_once(tmp_path):
     "no steady flow within", "cannot be imported"])
 def test_the_page_on_trouble_has_each_message(words):
     assert words in PAGE
+
+
+def test_a_stress_ratio_beyond_the_law_is_reported_within_a_periodic_domain():
+    """With its limit; the largest one is in the last column of elements, which has an image."""
+    form = discretised(case="planar_shear", law="jop", width=4, height=4, element_size=1,
+                       shear_modulus=1e6)
+    grid = form.grid
+    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    increment = at_rest(form, x, 1.0)
+    column = np.mod(x[0], 4.0)
+    velocity = np.array([0.0 * x[0], 1e3 * (column == 3.5) * x[1]])
+    local = grid.join(velocity, np.full(grid.nodes.size, 1e-9),
+                      np.ones(grid.corners.size))
+    text = failure._meaningless(form, increment, local)
+    place = float(re.search(r"at x = \(([^,]*), ", text).group(1))
+    assert 3.0 <= place <= 4.0, text
+    assert text.startswith("mu reaches") and "the law bears less than 0.6435" in text

@@ -239,7 +239,7 @@ RUNS = {
     "ts_type": (["-ts_type", "euler"], "-ts_type euler: allowed is beuler | pseudo"),
     "no steps": (["-ts_max_steps", "0"], "-ts_max_steps 0: allowed is an integer >= 1"),
     "start of TS": (["-ts_init_time", "0.001"], "-ts_init_time 0.001: allowed is 0, where"),
-    "no step": (["-ts_dt", "0"], "-ts_dt 0: allowed is a number > 0"),
+    "step": (["-ts_dt", "1e-4"], "-ts_dt 1e-4: the size of a step follows from -pgran_step_first"),
     "step repeated as it is": (["-ts_adapt_scale_solve_failed", "1"],
                                "-ts_adapt_scale_solve_failed 1: allowed is a number > 0 and < 1"),
     "no iterations": (["-snes_max_it", "-1"], "-snes_max_it -1: allowed is an integer >= 1"),

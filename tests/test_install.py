@@ -86,3 +86,17 @@ def test_budgets_of_other_cases_need_the_iterations(capsys):
     assert "-newton: how many Newton iterations a run of vertical_chute" in capsys.readouterr().err
     assert budget.main([*given, "-newton", "40", "-ranks", "4"]) == 0
     assert "# Budget: 4 ranks, 1 hours" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("user, allowed, library, refuses", [
+    (0, False, "Open MPI v4.1.4", True), (0, True, "Open MPI v4.1.4", False),
+    (1000, False, "Open MPI v4.1.4", False), (0, False, "MPICH Version: 4.0", False)])
+def test_the_doctor_says_where_open_mpi_refuses_root(monkeypatch, user, allowed, library, refuses):
+    monkeypatch.setattr(doctor.os, "geteuid", lambda: user)
+    for name in doctor.ALLOW_ROOT:
+        monkeypatch.setenv(name, "1") if allowed else monkeypatch.delenv(name, raising=False)
+    mpi = {"library": library, "seconds": 0.1}
+    assert doctor.refuses_root(mpi) == refuses
+    if refuses:
+        finding = doctor._launcher(mpi)
+        assert not finding.good and "export OMPI_ALLOW_RUN_AS_ROOT=1" in finding.cure

@@ -1,9 +1,16 @@
 """From Python: a run gives its result, a sweep its table, and neither does its work twice."""
 
+import copy
+import gc
 import os
+import pickle
+import shutil
 import signal
+import subprocess
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -121,3 +128,116 @@ def test_what_fails_in_a_sweep_is_told_and_the_rest_is_made(tmp_path):
 
 def test_shipped_options_are_found():
     assert sweep.shipped("biaxial").name == "biaxial.opts" and sweep.shipped("nosuch") is None
+
+
+def live():
+    """How many objects of PETSc and of the solver Python holds."""
+    gc.collect()
+    return sum(type(thing).__module__.startswith(("petsc4py", "pgran.solve", "pgran.space"))
+               for thing in gc.get_objects())
+
+
+@pytest.mark.parametrize("more", [
+    {}, {"petsc": {"options_file": sweep.shipped("large")}},
+    {"options_file": sweep.shipped("direct")}, {"options_file": sweep.shipped("steady")},
+    {"petsc": {"snes_max_it": 1}, "step_min": 5e-5}],
+    ids=["multigrid", "coarse correction", "direct", "steady", "fails"])
+def test_a_run_in_this_process_leaves_no_objects_behind(tmp_path, more):
+    counts = []
+    for number in range(3):
+        with suppress(SolutionError):
+            pgran.run(tmp_path / f"{number}.h5", **SMALL, **more)
+        counts.append(live())
+    # PETSc keeps the last error that a callback has raised.
+    assert counts[2] == counts[1] and ("step_min" in more or counts[0] == counts[1])
+
+
+def test_threads_that_run_at_the_same_time_get_their_own_results(tmp_path):
+    """With files of their own, and with one file."""
+    def run(number):
+        path = tmp_path / ("one" if number > 3 else f"{number}.h5")
+        return pgran.run(path.with_suffix(".h5"), element_size=4, inertial_number=wanted[number],
+                         **SMALL)
+
+    wanted = [0.001, 0.002, 0.003, 0.004, 0.005, 0.006]
+    with ThreadPoolExecutor(6) as pool:
+        found = list(pool.map(run, range(6)))
+    assert [result.options["inertial_number"] for result in found] == wanted
+    assert all(result.complete for result in found)
+
+
+def test_a_run_on_ranks_is_refused_in_a_thread(tmp_path):
+    script = ("import os, threading, pgran\n"
+              "def run():\n"
+              f"    try: pgran.run({str(tmp_path / 'x.h5')!r}, **{SMALL})\n"
+              "    except pgran.options.OptionError as error: os.write(1, b'refused ')\n"
+              "import pgran.options\n"
+              "thread = threading.Thread(target=run); thread.start(); thread.join()")
+    assert run_ranks(2, "-c", script, limit=60).stdout.split() == ["refused"] * 2
+
+
+def own_case(folder, elements=4):
+    """Write a file with a case that is a periodic cell; return the text that names it."""
+    (folder / "cell.py").write_text(f"from pgran.cases.periodic import Periodic\n"
+                                    f"class Cell(Periodic):\n    shape = {elements}, 4\n")
+    return f"{folder}/cell.py:Cell"
+
+
+def test_a_run_of_a_case_from_a_file_is_made_again_only_when_the_file_changes(tmp_path):
+    more = {"end_time": 0.001, "step_max": 5e-4, "imperfection": 1}
+    case = own_case(tmp_path)
+    first = pgran.run(tmp_path / "a.h5", case=case, **more)
+    begun, shape = first.path.stat().st_mtime_ns, first.snapshots[-1].x.shape
+    assert pgran.run(tmp_path / "a.h5", case=case, **more).complete
+    assert first.path.stat().st_mtime_ns == begun
+    own_case(tmp_path, elements=6)
+    again = pgran.run(tmp_path / "a.h5", case=case, **more)
+    assert [shape, again.snapshots[-1].x.shape] == [(8, 8, 2), (8, 12, 2)]
+
+
+def test_results_can_be_pickled(tmp_path):
+    case = own_case(tmp_path)
+    for path, more in ((tmp_path / "a.h5", SMALL), (tmp_path / "b.h5", {
+            "case": case, "end_time": 0.001, "imperfection": 1})):
+        result = pgran.run(path, **more)
+        result.case, result.snapshots[-1]["pressure"]  # are kept once they are read
+        again = pickle.loads(pickle.dumps(result))
+        assert again.parameters == result.parameters and again.options == result.options
+        assert again.parameters.part("case") is result.parameters.part("case")
+        snapshot = pickle.loads(pickle.dumps(result.snapshots[-1]))
+        for name in ("pressure", "speed"):
+            assert np.array_equal(snapshot[name], result.snapshots[-1][name])
+        assert copy.deepcopy(result.parameters) == result.parameters
+
+
+def test_a_sweep_makes_equal_points_once(tmp_path):
+    found = pgran.sweep({"inertial_number": [0.001, 0.001, 0.002]}, directory=tmp_path, workers=2,
+                        **SMALL)
+    assert not found.failures and [row["complete"] for row in found.rows()] == [True] * 3
+    assert len(list(tmp_path.glob("inertial_number_0.00?.h5"))) == 2
+    with pytest.raises(OptionError, match="results of a sweep are named by their points"):
+        pgran.sweep({"inertial_number": [0.001]}, directory=tmp_path, output="x.h5", **SMALL)
+
+
+def test_a_locale_with_a_decimal_comma_changes_nothing(tmp_path):
+    """PETSc reads numbers as the locale writes them."""
+    made = subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", tmp_path / "de_DE.UTF-8"],
+                          check=False, capture_output=True) if shutil.which("localedef") else None
+    if not (tmp_path / "de_DE.UTF-8").is_dir():
+        pytest.skip(f"no locale with a decimal comma can be made: {made and made.stderr}")
+    script = ("import locale, pgran\n"
+              "from pgran.__main__ import main\n"
+              "assert locale.setlocale(locale.LC_NUMERIC, 'de_DE.UTF-8')\n"
+              f"pgran.run({str(tmp_path / 'a.h5')!r}, petsc={{'snes_rtol': '0.5e-1'}}, **{SMALL})\n"
+              f"code = main(['pgran', '-snes_rtol', '0.5e-1', '-pgran_output', "
+              f"{str(tmp_path / 'b.h5')!r}, '-pgran_element_size', '20', '-pgran_compression', "
+              "'0.0001'])\n"
+              "assert code == 0 and locale.localeconv()['decimal_point'] == ','\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LOCPATH", str(tmp_path))
+        run_ranks(0, "-c", script, limit=60)
+
+
+def test_options_that_petsc_reads_only_when_it_starts_are_refused_in_this_process(tmp_path):
+    with pytest.raises(OptionError, match="-log_view: PETSc reads this option only when it starts"):
+        pgran.run(tmp_path / "a.h5", petsc={"log_view": ""}, **SMALL)

@@ -4,6 +4,7 @@ A case is a class that derives from `Case`; a new case is one new file, here or 
 `read` resolves options, and `create` makes the case that they describe.
 """
 
+import copyreg
 from abc import ABC, abstractmethod
 from functools import cached_property
 
@@ -344,6 +345,19 @@ class Case(ABC):
 CASES = options.Part("case", __name__, Case)
 #: The parts of a problem, which bring their own options along.
 KINDS = CASES, LAWS, MODELS
+
+
+def _pickled(parameters):
+    """Pickle `pgran.options.Parameters` by the names of their parts, which may come from files."""
+    return _unpickled, ({row.name: getattr(parameters, row.name) for row in parameters.rows},)
+
+
+def _unpickled(values):
+    parts = {kind.name: kind.load(values[kind.name]) for kind in KINDS}
+    return options.Parameters(options.table(parts).values(), parts, **values)
+
+
+copyreg.pickle(options.Parameters, _pickled)
 
 
 def read(given, stored=False):

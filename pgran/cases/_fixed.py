@@ -125,17 +125,19 @@ class FixedMesh(Case):
         x = turns + s**p / (s**p + (1.0 - s)**p)
         return length * x.mean(axis=0)
 
-    def refuse_fast(self, name, value, largest):
+    def refuse_fast(self, name, value, largest, allowed):
         """Refuse a load that no steady flow of the law can bear.
 
-        ``largest`` is the stress ratio that the load asks for.
+        ``largest`` is the stress ratio that the load asks for, and ``allowed(limit)`` the load that
+        asks for the largest one of the law. With inertia the flow would accelerate until its end,
+        and leave what the law describes.
         """
-        limit = float(self.law.stress_ratio(np.asarray(1e12))[0])
+        limit = self.law.limit
         if largest >= limit * (1.0 - 1e-9):
             raise ParameterError(
                 name, f"{value:g}", f"the flow would need mu = {largest:.4g}, and the law bears "
-                f"less than {limit:.4g}: it would speed up for ever; allowed is less, or another "
-                "law")
+                f"less than {limit:.4g}: it would speed up for ever; allowed is less than "
+                f"{allowed(limit):.4g}, or another @law")
 
 
 class Layer(FixedMesh):

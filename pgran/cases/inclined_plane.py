@@ -32,7 +32,8 @@ class InclinedPlane(_fixed.Layer):
     def __init__(self, parameters):
         super().__init__(parameters)
         self._angle = np.radians(parameters.slope)
-        self.refuse_fast("slope", parameters.slope, np.tan(self._angle))
+        self.refuse_fast("slope", parameters.slope, np.tan(self._angle),
+                         lambda limit: np.degrees(np.arctan(limit)))
 
     @property
     def rests(self):

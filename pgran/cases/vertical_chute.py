@@ -30,7 +30,8 @@ class VerticalChute(_fixed.FixedMesh):
 
     def __init__(self, parameters):
         super().__init__(parameters)
-        self.refuse_fast("gravity", parameters.gravity, self.wall_ratio)
+        self.refuse_fast("gravity", parameters.gravity, self.wall_ratio,
+                         lambda limit: 2.0 * limit / parameters.width)
 
     @property
     def wall_ratio(self):

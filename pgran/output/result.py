@@ -136,6 +136,10 @@ class Result:
         self.options = {row.name: getattr(self.parameters, row.name)
                         for row in self.parameters.rows}
 
+    def __getstate__(self):
+        """Leave out the case, which is made again: it may hold functions."""
+        return {name: value for name, value in vars(self).items() if name != "case"}
+
     def __repr__(self):
         end = "complete" if self.complete else "not complete"
         return (f"<{self.path}: {self.parameters.case}, {self.parameters.model}, "

@@ -176,7 +176,7 @@ class Driver:
             kind = "blocked"
         self.matrix = form.create_matrix(kind)
         self._residual_vector = self.grid.create_vector()
-        self.schur = self.hierarchy = None
+        self.schur = self.hierarchy = self._correction = None
         ts = PETSc.TS().create(comm=self.grid.comm)
         ts.setDM(multigrid.field_shell(form))
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
@@ -201,7 +201,7 @@ class Driver:
         self.schur = multigrid.configure(ksp, form)
         self.hierarchy = galerkin.Hierarchy(ksp, form) if galerkin.asked() else None
         if self.parameters.coarse_correction:
-            coarse.correct(ksp, ts.getDM(), form)
+            self._correction = coarse.correct(ksp, ts.getDM(), form)
         return ts
 
     def _check_options(self, ts):
@@ -213,9 +213,12 @@ class Driver:
         check("ts_max_steps", ts.getMaxSteps(), ts.getMaxSteps() >= 1, "an integer >= 1")
         check("ts_init_time", ts.getTime(), ts.getTime() == self._time,
               f"{self._time:g}, where this run begins")
-        dt = ts.getTimeStep()
-        check("ts_dt", dt, 0.0 < dt < np.inf, "a number > 0")
         database = PETSc.Options()
+        for name in ("ts_dt", "ts_time_step"):  # the latter from PETSc 3.23 on
+            if database.hasName(name):
+                raise ParameterError(name, database.getString(name), "the size of a step follows "
+                                     "from @step_first, @step_max and @step_error; allowed are "
+                                     "these", prefix="")
         # PETSc 3.26 takes a negative number as no limit.
         most = database.getInt("snes_max_it", ts.getSNES().getTolerances()[3])
         check("snes_max_it", most, most >= 1, "an integer >= 1")
@@ -245,6 +248,20 @@ class Driver:
         # The solver of a block has the block itself, so that nothing in it can be older.
         lag = database.getInt("snes_lag_preconditioner", 1)
         check("snes_lag_preconditioner", lag, lag == 1, "1 with @@dm_mat_type nest")
+
+    def destroy(self):
+        """Free the objects of PETSc, so that Python can free the rest. Collective.
+
+        TS and SNES hold methods of the driver as their callbacks, and the driver holds TS and SNES.
+        Python's collector of cycles does not see the references within PETSc.
+        """
+        dm = self.ts.getDM()  # to end last, or what its callbacks refer to would stay
+        self._tolerances = self.hierarchy = self.schur = None  # they hold SNES, KSP and PC
+        self.ts.destroy()
+        if self._correction:
+            self._correction.inner.destroy()
+            self._correction = None
+        dm.destroy()
 
     @property
     def started(self):
@@ -492,10 +509,11 @@ class Driver:
     def _check_mesh(self, state):
         """Refuse a state whose mesh is turned inside out, or leaves its domain. Collective."""
         nodes, owned = self.grid.nodes, self.grid.nodes.owned
-        turned = least_determinant(state.x[:, self.grid.element_nodes])
+        elements = self.grid.element_nodes[:, self.grid.elements.owned]
+        turned = least_determinant(state.x[:, elements])
         found = None
         if not (turned > 0.0).all():
-            middle = state.x[:, self.grid.element_nodes[NODES // 2]]
+            middle = state.x[:, elements[NODES // 2]]
             found = "an element is turned inside out", middle[:, np.argmin(turned)].tolist()
         out = self.case.misplaced(state.time, state.x[:, owned], nodes.i[owned], nodes.j[owned])
         if out is not None and found is None and out[0].any():

@@ -58,6 +58,12 @@ def described(snes, form, increment, local):
     if np.isinf(size):  # the name of this reason differs between versions of PETSc
         why, cure = f"the residual is not a number ({name})", "a smaller @step_max"
     place = _meaningless(form, increment, local) if np.isinf(size) else None
+    limit = form.case.law.limit
+    if place and place.startswith("mu") and np.isfinite(limit):
+        cure = (f"a start and loads that need mu < {limit:.4g} everywhere, a smaller "
+                "@step_max, or another @law")
+        if getattr(form.case.parameters, "wall_fluidity", "") == "zero":
+            cure += "; a wall with @wall_fluidity zero needs more mu than others"
     if place and place.startswith("pressure"):
         cure = "loads that leave the pressure positive, or a smaller @step_max"
     return "; ".join(filter(None, [why, place, text])), cure
@@ -119,19 +125,23 @@ def _largest(snes, form, x):
 
 def _meaningless(form, increment, local):
     """What has no meaning in the unknowns that were tried last, and where; None where all have."""
-    pressure, mu = form.pressure(local, increment), form.stress_ratio(local, increment)
+    # Other elements are images of those of this or another rank, beyond the ends of the domain.
+    owned = form.grid.elements.owned
+    pressure, mu = (values[:, owned] for values in (form.pressure(local, increment),
+                                                    form.stress_ratio(local, increment)))
 
     def place(index):
         q, e = np.unravel_index(index, mu.shape)
-        return _at(SHAPE[q] @ increment.x[:, form.grid.element_nodes[:, e]].T)
+        return _at(SHAPE[q] @ increment.x[:, form.grid.element_nodes[:, owned[e]]].T)
 
     def low(index):
         return (f"pressure is negative, {pressure.ravel()[index]:.3g} {form.case.stress_unit}, "
                 + place(index))
 
     def steep(index):
-        return (f"mu reaches {mu.ravel()[index]:.4g} {place(index)}, where the law may have no "
-                "answer")
+        limit = form.case.law.limit
+        return f"mu reaches {mu.ravel()[index]:.4g} {place(index)}" + (
+            f", and the law bears less than {limit:.4g}" if np.isfinite(limit) else "")
 
     size, text = _worst(form, -pressure.ravel(), low)
     return text if size > 0.0 else _worst(form, mu.ravel(), steep)[1]

@@ -29,7 +29,9 @@ PARTS = {
 #: Size of the disturbances that are differenced, in d, stress and gdot0.
 SIZE = 1e-5
 #: Newton's method for the undisturbed step stops at this relative change, or gives up.
-TOLERANCE, MOST = 1e-12, 10
+TOLERANCE, MOST = 1e-12, 50
+#: It takes a share of a change that does not make the residual smaller, down to this one.
+LEAST = 1e-3
 #: Largest displacement of the shape on which a mode is shown, d.
 SHOWN = 2.0
 
@@ -84,11 +86,22 @@ class LinearisedStep:
     def _solve_base(self):
         """Solve the undisturbed step; all ranks see the same change and leave together."""
         comm, increment = self.form.grid.comm.tompi4py(), self.base.increment
+
+        def residual(end):
+            with np.errstate(all="ignore"):  # a change that is too large may leave the law's range
+                rows = self.form.residual(end, (end - self.state.local) / self.dt, increment)
+            return comm.allreduce(rows @ rows)
+
         for _ in range(MOST):
             self.form.jacobian(self.end, 1.0 / self.dt, increment, self.matrix)
             self.ksp.setOperators(self.matrix)
             change = self._newton(self.end, self.state, increment)
-            self.end = self.end + change
+            before, share = residual(self.end), 1.0
+            while share > LEAST and not residual(self.end + share * change) < before:
+                share /= 2.0
+            if share <= LEAST:  # the residual is rounding error, or no direction of descent is left
+                share = 1.0
+            self.end = self.end + share * change
             largest, size = (comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX)
                              for part in (change, self.end))
             if largest < TOLERANCE * size:

@@ -19,11 +19,16 @@ from . import multigrid
 
 
 def correct(ksp, dm, form):
-    """Put a `CoarseCorrection` around the PC of a KSP, which has its options. Collective."""
+    """Put a `CoarseCorrection` around the PC of a KSP, which has its options. Collective.
+
+    Returns the `CoarseCorrection`.
+    """
     pc = PETSc.PC().create(comm=form.grid.comm)
     pc.setType(PETSc.PC.Type.PYTHON)
-    pc.setPythonContext(CoarseCorrection(ksp.getPC(), dm, form))
+    correction = CoarseCorrection(ksp.getPC(), dm, form)
+    pc.setPythonContext(correction)
     ksp.setPC(pc)
+    return correction
 
 
 class CoarseCorrection:

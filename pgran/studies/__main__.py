@@ -11,7 +11,8 @@ import inspect
 import subprocess
 import sys
 
-from ..cli import HELP, STOPPED, TOLD, guard_streams
+from .. import __version__
+from ..cli import HELP, STOPPED, TOLD, VERSION, guard_streams
 from ..options import Interrupted
 
 STUDIES = ("section4", "meshes", "posed", "sensitivity", "verify", "growth", "specimen",
@@ -28,6 +29,9 @@ def main(arguments):
     """Start the study that ``arguments`` name; return the exit code."""
     guard_streams()
     name, *rest = arguments or HELP[:1]
+    if name in VERSION:
+        print(f"pgran {__version__}")
+        return 0
     if name in HELP:
         lines = (f"  {study:12} {load(study).__doc__.splitlines()[0]}" for study in STUDIES)
         print(__doc__, *lines, sep="\n")

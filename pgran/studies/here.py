@@ -8,34 +8,25 @@ from contextlib import contextmanager
 import petsc4py
 
 from .. import cases
-from ..cli import check_names, end_unless_shared, given_texts, petsc_words, strict
-from ..options import Interrupted, SolutionError
+from ..cli import (
+    check_names,
+    database,
+    decimal_points,
+    end_unless_shared,
+    given,
+    given_texts,
+    petsc_words,
+    refuse_at_start,
+    strict,
+)
+from ..options import Interrupted, OptionError, SolutionError
 from ..output.result import Result
 from ..signals import SIGNALS, Signals
 from ..versions import FIRST, callback_error
 from . import launch
 
-
-@contextmanager
-def database(texts):
-    """Let PETSc have the options {name: text} and no others, until the context ends."""
-    from petsc4py import PETSc
-
-    options = PETSc.Options()
-
-    def take(wanted):
-        before = {name: options.getString(name, "") for name in options.getAll()}
-        for name in before:
-            options.delValue(name)
-        for name, text in wanted.items():
-            options.setValue(name, text)
-        return before
-
-    before = take(texts)
-    try:
-        yield
-    finally:
-        take(before)
+#: PETSc has one database of options for a process, and solves in one thread at a time.
+LOCK = threading.RLock()
 
 
 @contextmanager
@@ -55,13 +46,15 @@ def signals():
 def run(path, options_file, *options):
     """Run pgran to ``path`` in this process unless that is done; return its `Result`. Collective.
 
-    All ranks of the process take part. PETSc's options of the process are set aside meanwhile. The
-    parameters are those of `pgran.studies.launch.done`.
+    All ranks of the process take part. PETSc's options of the process are set aside meanwhile. Runs
+    of several threads wait for each other. The parameters are those of
+    `pgran.studies.launch.done`.
 
     Raises
     ------
     OptionError, ParameterError
-        If the options do not fit together.
+        If the options do not fit together, or if a thread other than the main one starts a run on
+        several ranks, where threads could wait for each other for ever.
     SolutionError
         If the solution stops, or PETSc does.
     Interrupted
@@ -71,31 +64,39 @@ def run(path, options_file, *options):
     from petsc4py import PETSc
 
     world = PETSc.COMM_WORLD.tompi4py()
-    words = world.bcast(launch.pending(path, options_file, *options))
-    if words is not None:
-        apart = world.Dup()  # as in `pgran.cli.start`
-        try:
-            with database(launch.given(options_file, *words)), signals() as asked:
-                _solve(asked, apart)
-        finally:
-            apart.Free()
-            gc.collect()
-            PETSc.garbage_cleanup()
-    return Result(path)
+    if world.size > 1 and threading.current_thread() is not threading.main_thread():
+        raise OptionError(f"{threading.current_thread().name}: a run on {world.size} ranks of this "
+                          "process is allowed in the main thread only")
+    with LOCK:
+        words = world.bcast(launch.pending(path, options_file, *options))
+        if words is not None:
+            texts = given(options_file, *words)
+            refuse_at_start(texts)
+            apart = world.Dup()  # as in `pgran.cli.start`
+            try:
+                with decimal_points(), database(texts), signals() as asked:
+                    _solve(asked, apart)
+            finally:
+                apart.Free()
+                gc.collect()
+                PETSc.garbage_cleanup()
+        return Result(path)
 
 
 def _solve(asked, apart):
     """Run what PETSc's options say; an error that not all ranks share ends them."""
     from petsc4py import PETSc
 
-    from ..__main__ import complete, run as solve
+    from ..__main__ import complete, prepared
 
+    work = None
     try:
         texts = given_texts()
         parameters = cases.read(complete(texts))
         check_names(PETSc.Options().getAll(), (), parameters.rows)
         with strict(texts):
-            solve(parameters, PETSc.COMM_WORLD, asked)
+            work = prepared(parameters, PETSc.COMM_WORLD, asked)
+            work.do()
     except BaseException as error:
         cause = callback_error(error)
         if isinstance(cause, PETSc.Error):
@@ -104,3 +105,6 @@ def _solve(asked, apart):
         if isinstance(cause, (SolutionError, Interrupted)):
             cause = type(cause)(str(cause).replace("@", ""))  # by the names that Python has
         raise cause from None
+    finally:
+        if work:
+            work.free()  # all ranks come here, as others have ended

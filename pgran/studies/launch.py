@@ -6,7 +6,6 @@ that of the Python which runs the study.
 """
 
 import os
-import re
 import shlex
 import signal
 import subprocess
@@ -18,7 +17,7 @@ from pathlib import Path
 import h5py
 
 from .. import cases
-from ..cli import STOPPED, read_file
+from ..cli import STOPPED, given, parsed
 from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
 from ..output.checkpoint import checkpoints_of
 from ..output.result import Result
@@ -137,33 +136,6 @@ def kill(text):
     for_processes(text, lambda number: os.kill(number, signal.SIGKILL))
 
 
-def parsed(tokens):
-    """Return {name: text} of options ``-name value``; the last one of a name holds."""
-    texts, name = {}, None
-    for token in map(str, tokens):
-        if re.match("--?[A-Za-z]", token):
-            name = token.lstrip("-")
-            texts[name] = ""
-        elif name:
-            texts[name], name = token, None
-    return texts
-
-
-def given(options_file, *options):
-    """Return {name: text} of an options file (None: of none) and of options that win over it.
-
-    Further files that the options name win over the first one. Raises `pgran.options.OptionError`
-    where a file cannot be read.
-    """
-    further = [path for word, path in zip(options, options[1:]) if str(word) == "-options_file"]
-    texts = {}
-    for path in filter(None, (options_file, *further)):
-        texts.update(read_file(path))
-    texts.update(parsed(options))
-    texts.pop("options_file", None)
-    return texts
-
-
 def asked(options_file, *options):
     """Return the `pgran.options.Parameters` of an options file and of options that win over it.
 
@@ -193,8 +165,8 @@ def attributes(path, options_file, options=()):
     """Return the root attributes of a result that was begun with these options, or None.
 
     All resolved options are compared but `IGNORED`, and so are the options of PETSc, such as
-    -snes_atol, if the file stores them. The file must also be newer than the options file and than
-    the result or mode that the run starts from.
+    -snes_atol, if the file stores them. The file must also be newer than the options file, than a
+    file that holds the case, law or model, and than the result or mode that the run starts from.
 
     Parameters
     ----------
@@ -207,9 +179,10 @@ def attributes(path, options_file, options=()):
     parameters = asked(options_file, *options)
     if not holds(path, parameters):
         return None
-    sources = [name for name in (options_file, parameters.restart, parameters.seed)
-               if name and os.path.exists(name)]
-    if os.path.getmtime(path) < max(map(os.path.getmtime, sources)):
+    parts = (getattr(parameters, kind.name).rpartition(":")[0] for kind in cases.KINDS)
+    sources = [name for name in (options_file, parameters.restart, parameters.seed, *parts)
+               if name and os.path.isfile(name)]
+    if os.path.getmtime(path) < max(map(os.path.getmtime, sources), default=0.0):
         return None
     solver = {name: text for name, text in given(options_file, *options).items()
               if not name.startswith(PREFIX)}
@@ -231,8 +204,13 @@ def pending(path, options_file, *options):
     """Return the options (a list of words) with which a run to ``path`` begins or goes on.
 
     None if it is `done`. A run that was stopped or killed goes on from its last checkpoint. The
-    parameters are those of `done`.
+    parameters are those of `done`. Raises `pgran.options.OptionError` if ``options`` name another
+    result file.
     """
+    elsewhere = parsed(options).get(f"{PREFIX}output", str(path))
+    if elsewhere != str(path):
+        raise OptionError(f"-{PREFIX}output {elsewhere}: the result file of this run is {path}; "
+                          "leave the option out")
     if done(path, options_file, options):
         return None
     begun = attributes(path, options_file, options) is not None and checkpoints_of(path)

@@ -113,6 +113,9 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
         raise OptionError(f"task {task}: allowed is 0 to {len(chosen) - 1}, the points of the "
                           "sweep")
     wanted = range(len(chosen)) if task is None else [task]
+    if "output" in common:
+        raise OptionError(f"output {common['output']}: results of a sweep are named by their "
+                          "points; allowed is directory")
     for number in wanted:
         _checked(**{**common, **chosen[number]})
 
@@ -123,9 +126,10 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
             return str(error)
         return None
 
+    first = {paths[number]: number for number in reversed(wanted)}  # of points that are equal
     with ThreadPoolExecutor(workers) as pool:
-        failures = dict(zip(wanted, pool.map(make, wanted)))
-    return Sweep(chosen, paths, failures)
+        failures = dict(zip(first, pool.map(make, first.values())))
+    return Sweep(chosen, paths, {number: failures[paths[number]] for number in wanted})
 
 
 class Sweep:

@@ -62,6 +62,12 @@ class Law(ABC):
     def inertial_number(self, mu):
         """Return I_loc(mu), which is zero up to `yield_ratio` (2.7), and its derivative."""
 
+    @property
+    def limit(self):
+        """The stress ratio that the law approaches as I grows, infinite for a law without limit."""
+        before, last = self.stress_ratio(np.array([1e12, 1e15]))[0]
+        return float(last) if last - before < 1e-9 * last else np.inf
+
     def weakened(self, factor):
         """Return the law of elements whose static value mu_s is ``factor`` (n,) times this one."""
         if not hasattr(self, "mu_s"):
