@@ -5,6 +5,8 @@ snapshot gives fields on the Q2 nodes by name, those of the file and those of `Q
 pyvista grid of Q2 elements.
 """
 
+import os
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +20,8 @@ from ..space.element import NODES
 from . import band
 from .reading import ResultError, field_of, opened, stored_parameters
 
+#: Stands for the identifier of any run.
+ANY = object()
 #: Order of the nodes of VTK's biquadratic quadrilateral, as places among those of an element.
 VTK_NODES = 0, 2, 8, 6, 1, 5, 7, 3, 4
 
@@ -110,9 +114,15 @@ class Result:
     ----------
     path : str or Path
         The HDF5 file, which may still be written.
+    run : str or None, optional
+        The identifier of the run that the file must hold; any run unless given.
 
     Attributes
     ----------
+    path : Path
+        The absolute path of the file.
+    run : str or None
+        The identifier of the run. Files of release 0.1 have none.
     attributes : dict
         Root attributes: versions, scales, and what the run took if it has ended.
     parameters : pgran.options.Parameters
@@ -126,19 +136,30 @@ class Result:
     Raises
     ------
     ResultError
-        If it is not a result of pgran.
+        If it is not a result of pgran. Reading a snapshot raises it also where the file holds
+        another run by then.
     """
 
-    def __init__(self, path):
-        self.path = Path(path)
-        with opened(path) as file:
+    def __init__(self, path, run=ANY):
+        self.path, self.run = Path(os.path.abspath(path)), run  # the current directory may change
+        with self.opened() as file:
             self.attributes = dict(file.attrs)
+            self.run = self.attributes.get("run")
             self.parameters = stored_parameters(file)
             self.history = {name: data[...] for name, data in file.get("history", {}).items()}
             self.snapshots = [Snapshot(self, name, dict(group.attrs))
                               for name, group in sorted(file["snapshots"].items())]
         self.options = {row.name: getattr(self.parameters, row.name)
                         for row in self.parameters.rows}
+
+    @contextmanager
+    def opened(self):
+        """Open the file to read it, as a context; raises `ResultError` if it holds another run."""
+        with opened(self.path) as file:
+            if self.run is not ANY and file.attrs.get("run") != self.run:
+                raise ResultError(self.path, "another run has replaced the run that was read from "
+                                  "this file")
+            yield file
 
     def __repr__(self):
         end = "complete" if self.complete else "not complete"
@@ -203,7 +224,7 @@ class Snapshot:
     def stored(self, name):
         """Return a field of the file, (ny, nx, ...); raises `ResultError` where there is none."""
         if name not in self._read:
-            with opened(self.result.path) as file:
+            with self.result.opened() as file:
                 self._read[name] = field_of(file, self.name, name)
         return self._read[name]
 
@@ -275,7 +296,7 @@ class Snapshot:
     @cached_property
     def names(self):
         """The fields of the file besides the coordinates, a tuple of names."""
-        with opened(self.result.path) as file:
+        with self.result.opened() as file:
             return tuple(name for name in file["snapshots"][self.name] if name != "coordinates")
 
 
