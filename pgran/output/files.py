@@ -19,6 +19,8 @@ import numpy as np
 
 from ..options import PREFIX, ParameterError
 
+#: Largest message with field values between ranks, bytes.
+PIECE = 1 << 23
 #: Bytes that HDF5 may need for its own structures in one update of a file.
 STRUCTURES = 1 << 20
 
@@ -147,10 +149,18 @@ class Draft:
             with open(self._private, "r+b") as file:
                 os.posix_fallocate(file.fileno(), 0,
                                    os.fstat(file.fileno()).st_size + room + STRUCTURES)
-            self.file = h5py.File(self._private, "r+")
+            self.file = h5py.File(self._private, "r+", locking=False)  # the name is private
         except BaseException:
             self._remove()
             raise
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, problem, trace):
+        """Drop the draft after an error; otherwise it stays open."""
+        if kind:
+            self.drop()
 
     def publish(self, flush):
         """Close the draft and put it in the place of the file.
@@ -207,14 +217,16 @@ def _empty():
 def write_blocks(comm, file, data):
     """Write the blocks of all ranks into datasets of an open file. Collective.
 
+    Ranks send buffers of at most `PIECE` bytes, so that rank 0 needs memory for one of them only.
+
     Parameters
     ----------
     comm : mpi4py.MPI.Comm
     file : h5py.Group or None
         Where rank 0 writes; None on the other ranks, and on rank 0 after an error.
     data : iterable of (str, tuple of slice, ndarray)
-        Name of a dataset, this rank's block of it, and the values of the block. All ranks give the
-        same names in the same order.
+        Name of a dataset of real numbers, this rank's block of its first two axes, and the values
+        of the block. All ranks give the same names and components in the same order.
 
     Returns
     -------
@@ -223,19 +235,44 @@ def write_blocks(comm, file, data):
     """
     problem = None
     for name, block, values in data:
+        ends, components = np.array([[part.start, part.stop] for part in block]), values.shape[2:]
         if comm.rank:
-            comm.send((block, values), 0)
+            comm.Send(ends, 0)
+            for rows, columns in pieces(ends, components):
+                comm.Send(np.ascontiguousarray(
+                    values[rows.start - ends[0, 0]:rows.stop - ends[0, 0],
+                           columns.start - ends[1, 0]:columns.stop - ends[1, 0]], float), 0)
             continue
         for source in range(comm.size):
             if source:
-                block, values = comm.recv(source=source)
-            if file is None or problem:
-                continue
-            try:
-                file[name][block] = values
-            except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-                problem = told(error)
+                comm.Recv(ends, source)
+            parts = pieces(ends, components) if source else [block]
+            for part in parts:
+                if source:
+                    values = np.empty((*(axis.stop - axis.start for axis in part), *components))
+                    comm.Recv(values, source)
+                if file is None or problem:
+                    continue
+                try:
+                    file[name][part] = values
+                except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+                    problem = told(error)
     return problem
+
+
+def pieces(ends, components=()):
+    """Yield the blocks (slice, slice) of at most `PIECE` bytes that make up a larger block.
+
+    ``ends`` (2, 2) are the first and last indices of the larger block along each axis, and
+    ``components`` is the shape of the real values at a point. A point with more is one piece.
+    """
+    (j0, j1), (i0, i1) = ends.tolist()
+    points = max(1, PIECE // (8 * int(np.prod(components, dtype=int))))
+    wide = min(points, max(i1 - i0, 1))
+    high = points // wide
+    for j in range(j0, j1, high):
+        for i in range(i0, i1, wide):
+            yield slice(j, min(j + high, j1)), slice(i, min(i + wide, i1))
 
 
 def blocks_of(lattice, fields):

@@ -19,6 +19,7 @@ from ..options import PREFIX, ParameterError
 from ..space.element import NODES
 from . import band
 from .reading import ResultError, field_of, opened, stored_parameters
+from .snapshots import linked
 
 #: Stands for the identifier of any run.
 ANY = object()
@@ -147,15 +148,19 @@ class Result:
             self.run = self.attributes.get("run")
             self.parameters = stored_parameters(file)
             self.history = {name: data[...] for name, data in file.get("history", {}).items()}
-            self.snapshots = [Snapshot(self, name, dict(group.attrs))
-                              for name, group in sorted(file["snapshots"].items())]
+            self.snapshots = [
+                Snapshot(self, name, dict(file["snapshots"][name].attrs), target)
+                for name, target in linked(file).items()]
         self.options = {row.name: getattr(self.parameters, row.name)
                         for row in self.parameters.rows}
 
     @contextmanager
-    def opened(self):
-        """Open the file to read it, as a context; raises `ResultError` if it holds another run."""
-        with opened(self.path) as file:
+    def opened(self, only=None):
+        """Open the file to read it, as a context; raises `ResultError` if it holds another run.
+
+        ``only`` names the snapshot that will be read.
+        """
+        with opened(self.path, only=only) as file:
             if self.run is not ANY and file.attrs.get("run") != self.run:
                 raise ResultError(self.path, "another run has replaced the run that was read from "
                                   "this file")
@@ -200,10 +205,13 @@ class Snapshot:
         Of its group in the file.
     attributes : dict
         Such as ``time`` (1/gdot0) and ``label``.
+    target : str or None
+        The name of its file; None for a snapshot inside the result file.
     """
 
-    def __init__(self, result, name, attributes):
+    def __init__(self, result, name, attributes, target=None):
         self.result, self.name, self.attributes = result, name, attributes
+        self.target = target
         self._read = {}
 
     def __repr__(self):
@@ -224,9 +232,18 @@ class Snapshot:
     def stored(self, name):
         """Return a field of the file, (ny, nx, ...); raises `ResultError` where there is none."""
         if name not in self._read:
-            with self.result.opened() as file:
+            with self._opened() as file:
                 self._read[name] = field_of(file, self.name, name)
         return self._read[name]
+
+    @contextmanager
+    def _opened(self):
+        """Open the result, as a context; raises `ResultError` where it has another snapshot."""
+        with self.result.opened(self.name) as file:
+            if linked(file).get(self.name, "") != self.target:
+                raise ResultError(self.result.path, f"snapshot {self.name} was replaced after it "
+                                  "was read, as the run went on")
+            yield file
 
     def keep(self, fields):
         """Take fields, {name: (ny, nx, ...)}, in place of those of the file."""
@@ -296,7 +313,7 @@ class Snapshot:
     @cached_property
     def names(self):
         """The fields of the file besides the coordinates, a tuple of names."""
-        with self.result.opened() as file:
+        with self._opened() as file:
             return tuple(name for name in file["snapshots"][self.name] if name != "coordinates")
 
 
