@@ -11,7 +11,9 @@ import pytest
 from conftest import ROOT, discretised, pgran, refused, run_ranks
 from test_runs import differences, snapshot
 
+from pgran import watch
 from pgran.output import checkpoint
+from pgran.output.result import Result
 from pgran.solve import state
 from pgran.studies import launch
 
@@ -348,6 +350,7 @@ def test_history_is_on_the_disk_while_the_run_goes_on_and_readers_do_not_disturb
         launch.kill(run)
         run.communicate()
     assert len(history(path)["time"]) >= seen + 8
+    assert watch.ending(Result(path), 1e9) == "killed: its process has ended"
 
 
 def test_one_file_has_one_writer(tmp_path):

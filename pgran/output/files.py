@@ -7,11 +7,13 @@ other. A full disk, a quota or a folder that disappears therefore strikes one ra
 tells the others, and none of them is left waiting in a collective write of HDF5.
 """
 
+import errno
 import fcntl
 import io
 import os
 import shutil
 import socket
+import sys
 from pathlib import Path
 
 import h5py
@@ -19,6 +21,8 @@ import numpy as np
 
 from ..options import PREFIX, ParameterError
 
+#: Errors of flock on file systems without locks, such as Lustre mounted without ``-o flock``.
+NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP}
 #: Largest message with field values between ranks, bytes.
 PIECE = 1 << 23
 #: Bytes that HDF5 may need for its own structures in one update of a file.
@@ -84,6 +88,8 @@ def told(problem):
 class Lock:
     """The right to write a file, held by one run at a time. It ends with the process.
 
+    On a file system without locks nothing is held, and a warning on standard error says so.
+
     Raises
     ------
     OSError
@@ -96,7 +102,15 @@ class Lock:
             self._file = open(self.path, "a+")  # held as long as the run
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+            except OSError as problem:
+                if problem.errno in NO_LOCKS:
+                    print(f"pgran: warning: {path}: the file system has no locks "
+                          f"({problem.strerror}); nothing prevents another run from writing this "
+                          "file at the same time", file=sys.stderr, flush=True)
+                    break
+                if not isinstance(problem, BlockingIOError):
+                    self._file.close()
+                    raise
                 self._file.seek(0)
                 holder = self._file.read().strip() or "unknown"
                 self._file.close()
@@ -116,6 +130,44 @@ class Lock:
         if not self._file.closed:
             self.path.unlink(missing_ok=True)
             self._file.close()
+
+
+def this_process():
+    """Return a text that identifies this process: its machine, its number and when it began.
+
+    It is empty where the system has no /proc.
+    """
+    return _process("self") and f"{_machine()} {os.getpid()} {_process('self')}"
+
+
+def is_running(identity):
+    """Return whether the process with the text of `this_process` still runs on this machine.
+
+    None where that is not known: the process belongs to another machine or container.
+    """
+    machine, _, rest = identity.partition(" ")
+    number, _, began = rest.partition(" ")
+    if not began or machine != _machine():
+        return None
+    return _process(number) == began
+
+
+def _machine():
+    """Identify this boot of this machine, and its numbering of processes; empty without /proc."""
+    try:
+        return (Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+                + f"/{os.stat('/proc/self/ns/pid').st_ino}")
+    except OSError:
+        return ""
+
+
+def _process(number):
+    """Return when a process began, in ticks of the machine's clock; empty if it has ended."""
+    try:
+        fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return ""
+    return "" if fields[0] in "ZX" else fields[19]
 
 
 class Draft:

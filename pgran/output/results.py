@@ -24,7 +24,17 @@ from .. import __version__
 from ..options import PREFIX, ParameterError
 from . import vtkhdf
 from .checkpoint import NAME, checkpoints_of
-from .files import Disk, Draft, Lock, blocks_of, local_part, together, write_blocks, write_text
+from .files import (
+    Disk,
+    Draft,
+    Lock,
+    blocks_of,
+    local_part,
+    this_process,
+    together,
+    write_blocks,
+    write_text,
+)
 from .reading import FIELDS, FORMAT, ResultError, opened, stored_parameters
 from .result import cells
 from .snapshots import (
@@ -67,6 +77,8 @@ XDMF_BEGIN = '''<?xml version="1.0"?>
 <Grid Name="pgran" GridType="Collection" CollectionType="Temporal">
 '''
 XDMF_END = "</Grid>\n</Domain>\n</Xdmf>\n"
+#: Values of the root attribute ``state``.
+RUNNING, COMPLETE, STOPPED, FAILED = "running", "complete", "stopped", "failed"
 #: Root attributes that say how a run ended.
 ENDING = {"complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
           "linear_iterations", "seconds", "memory", "ranks"}
@@ -156,7 +168,8 @@ class Writer:
     def _make(self, source, same):
         snapshots, fields = self._take_over(source) if source else ([], None)
         self._root.update({
-            "run": self.run, "format": FORMAT, "closed": self.case.closed,
+            "state": RUNNING, "process": this_process(), "run": self.run, "format": FORMAT,
+            "closed": self.case.closed,
             "options": self.case.parameters.text(),
             "pgran_version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
@@ -354,9 +367,15 @@ class Writer:
         self.disk.do(lambda: self._rewrite(**attributes))
 
     def close(self):
-        """Let others write the file. Not collective, as it may follow an error of one rank."""
+        """Let others write the file. Not collective, as it may follow an error of one rank.
+
+        A run that has not stored how it ended has failed.
+        """
         if not self._lock:
             return
+        if self._root.get("state") == RUNNING:
+            with suppress(OSError, RuntimeError, KeyError, ValueError):  # as when the disk is full
+                self._rewrite(state=FAILED)
         with suppress(OSError):  # the folder may be gone
             self._lock.release()
             for folder in self._made:
@@ -373,6 +392,7 @@ def write_once(path, form, fields, option=("output", PREFIX), **attributes):
     try:
         writer.begin()
         writer.snapshot(0.0, fields)
+        writer.flush(state=COMPLETE)
     finally:
         writer.close()
     return writer
