@@ -179,3 +179,23 @@ sys.exit(main(sys.argv))
 ])
 def test_bad_input_gets_one_clear_error(arguments, message):
     refused(eigen(2, *arguments, "-json", check=False, limit=60), message)
+
+
+def test_a_mode_has_a_default_file_that_is_not_the_result_of_a_run(tmp_path):
+    from pgran.eigen import complete
+    from pgran.output.results import write_once
+
+    assert complete({"pgran_case": "periodic"})["pgran_output"] == "results/periodic_ngf_mode.h5"
+    assert complete({"pgran_output": "a.h5"})["pgran_output"] == "a.h5"
+    form = discretised(width=8, height=24)
+    x = form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    write_once(tmp_path / "run.h5", form, {"coordinates": x})
+    texts = complete({"pgran_restart": str(tmp_path / "run.h5")})
+    assert texts["pgran_output"] == str(tmp_path / "run_mode.h5")
+    assert texts["pgran_width"] == "8.0"
+
+
+def test_a_table_of_wave_vectors_makes_no_mistyped_folder(tmp_path):
+    done = eigen(2, "-pgran_output", tmp_path / "typo" / "x.h5", "-sweep", 2, check=False)
+    refused(done, "there is no folder")
+    assert not (tmp_path / "typo").exists()

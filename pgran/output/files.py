@@ -21,6 +21,8 @@ import numpy as np
 
 from ..options import PREFIX, ParameterError
 
+#: The folder that is made where it is missing, like those below it.
+RESULTS = "results"
 #: Errors of flock on file systems without locks, such as Lustre mounted without ``-o flock``.
 NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP}
 #: Largest message with field values between ranks, bytes.
@@ -250,6 +252,22 @@ class Draft:
 def private(path):
     """Return the name under which the next version of a file is written."""
     return Path(path).with_name(f".{Path(path).name}.part")
+
+
+def make_parents(path):
+    """Make the missing folders of a file if they are `RESULTS` or lie below it; return them.
+
+    Raises
+    ------
+    OSError
+        If another folder is missing: the path may be mistyped.
+    """
+    missing = [folder for folder in Path(path).parents if not folder.exists()]
+    if any(RESULTS not in folder.parts for folder in missing):
+        raise OSError(f"there is no folder {Path(path).parent}; only {RESULTS} and the folders "
+                      "below it are made")
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    return missing
 
 
 def write_text(path, text):

@@ -30,6 +30,7 @@ from .files import (
     Lock,
     blocks_of,
     local_part,
+    make_parents,
     this_process,
     together,
     write_blocks,
@@ -118,7 +119,9 @@ class Writer:
 
     def __init__(self, path, form, attributes=None, option=("output", PREFIX),
                  columns=HISTORY):
-        self.path, self.grid, self.case = Path(path), form.grid, form.case
+        # A symbolic link stays one, and all files of the run lie beside its target.
+        self.path = Path(os.path.realpath(path) if os.path.islink(path) else path)
+        self.grid, self.case = form.grid, form.case
         self.comm = self.grid.comm.tompi4py()
         self.disk = Disk(self.comm, option[0], path, option[1])
         self._attributes, self.kept = dict(attributes or {}), None
@@ -137,8 +140,7 @@ class Writer:
         for pattern, kind in ((NAME, "checkpoint"), (SNAPSHOT_NAME, "snapshot")):
             if match := pattern.fullmatch(self.path.name):
                 raise OSError(f"this is the name of a {kind} of {match[1]}.h5")
-        self._made = [folder for folder in self.path.parents if not folder.exists()]
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._made = make_parents(self.path)
         self._lock = Lock(self.path)
 
     @property

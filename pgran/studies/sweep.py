@@ -90,7 +90,7 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
     parameters : dict
         {name: values}; the points are all combinations.
     directory : str or Path
-        Where the results go, named by their points.
+        Where the results go, named by their points. It is made if it is missing.
     workers : int
         How many runs go on at a time.
     task : int, optional
@@ -115,6 +115,7 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
     wanted = range(len(chosen)) if task is None else [task]
     for number in wanted:
         _checked(**{**common, **chosen[number]})
+    directory.mkdir(parents=True, exist_ok=True)
 
     runs, failures = {}, {}
 
