@@ -5,7 +5,7 @@ import json
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, parameters, refused, run_ranks
+from conftest import ROOT, discretised, parameters, refused, run_ranks
 
 from pgran.solve import spectrum
 from pgran.solve.spectrum import theory
