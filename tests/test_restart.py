@@ -350,6 +350,9 @@ def test_history_is_on_the_disk_while_the_run_goes_on_and_readers_do_not_disturb
         launch.kill(run)
         run.communicate()
     assert len(history(path)["time"]) >= seen + 8
+    end = time.monotonic() + 20.0
+    while watch.ending(Result(path), 1e9) is None and time.monotonic() < end:
+        time.sleep(0.1)
     assert watch.ending(Result(path), 1e9) == "killed: its process has ended"
 
 
@@ -392,6 +395,7 @@ sys.exit(main(sys.argv))
 def test_a_disk_that_fails_ends_in_one_error_with_the_last_checkpoint_intact(tmp_path, fault,
                                                                              message):
     path = tmp_path / "inner" / "run.h5"
+    path.parent.mkdir()
     done = run_ranks(2, "-c", FAULT.format(call=9, fault=fault), "-options_file",
                      ROOT / "options" / "direct.opts", *SMALL, "-pgran_checkpoint_steps", 2,
                      "-pgran_output", path, check=False, limit=60)
