@@ -231,7 +231,11 @@ class Run:
         return "pgran.measure"
 
     def stop(self, interrupted):
-        """Keep what a run has that cannot or shall not go on."""
+        """Write the last accepted state of a run that fails or is interrupted, and how it ended.
+
+        A run without an accepted step writes nothing, unless it is interrupted before its first
+        time step: then it writes the checkpoint of its start.
+        """
         from .output.results import FAILED, STOPPED
 
         if not self.driver.started and (self.steady or not interrupted):

@@ -294,14 +294,6 @@ def test_a_run_that_cannot_go_on_says_so_and_keeps_what_it_has(tmp_path):
         assert not file.attrs.get("complete", False) and file.attrs["state"] == "failed"
 
 
-def test_a_run_that_fails_before_its_first_step_leaves_no_file(tmp_path):
-    path = tmp_path / "none.h5"
-    done = pgran(2, "direct.opts", path, *SMALL, "-snes_max_it", 1, "-pgran_step_min", 1e-4,
-                 check=False, limit=60)
-    assert done.returncode == 1 and "no step down to -pgran_step_min" in done.stderr
-    assert not list(tmp_path.iterdir())
-
-
 def test_earlier_results_are_kept(tmp_path):
     path = tmp_path / "twice.h5"
     for steps in (1, 2):
