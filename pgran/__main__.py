@@ -251,15 +251,26 @@ class Run:
         return "pgran.measure"
 
     def stop(self, interrupted):
-        """Keep what a run has that cannot or shall not go on."""
+        """Write the last accepted state of a run that fails or is interrupted, and how it ended.
+
+        A run without an accepted step writes nothing, unless it is interrupted before its first
+        time step: then it writes the checkpoint of its start.
+        """
+        from .output.results import FAILED, STOPPED
+
+        if not self.driver.started and (self.steady or not interrupted):
+            return  # without an accepted step there is nothing to keep
         self.begin(tried=self.driver.started or not interrupted)
         if self.driver.started and (self.steady or not interrupted):
             self.writer.snapshot(self.driver.state.time, self.driver.fields())
         if not self.steady:
             self.checkpoint(repeat=interrupted)
+        self.writer.flush(state=STOPPED if interrupted else FAILED)
 
     def finish(self):
         """Write what remains to be written at the end, and say so."""
+        from .output.results import COMPLETE, STOPPED
+
         driver, terminal = self.driver, self.terminal
         self.begin()
         whole = driver.controller.finished
@@ -273,7 +284,7 @@ class Run:
                 "ranks": self.comm.size}
         if self.steady:
             cost["steady_residual"] = driver.steady_residual()
-        self.writer.flush(complete=whole, **cost)
+        self.writer.flush(complete=whole, state=COMPLETE if whole else STOPPED, **cost)
         if self.steady:
             terminal.say("  steady: the rigid-viscous equations (2.9)-(2.11) hold to a residual of "
                          f"{cost['steady_residual']:.2e} {self.case.stress_unit} d")

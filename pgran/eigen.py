@@ -17,8 +17,9 @@ size ``-dt`` is linearised (`pgran.growth`), so that mesh and elastic memory tak
 
 A good run prints relative errors that fall with order 4 over ``-refinement n,n,...``, and
 residuals near the rounding error. Eigenvalues are in units of gdot0, largest real part first.
-The fastest mode is written to ``-pgran_output``, with a picture. ``-eps_nev`` and other options of
-SLEPc hold.
+The fastest mode is written to ``-pgran_output``, with a picture. Unless that is given, the file is
+NAME_mode.h5 with ``-pgran_restart NAME.h5``, and results/CASE_MODEL_mode.h5 without. ``-eps_nev``
+and other options of SLEPc hold.
 """
 
 import csv
@@ -27,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import cases
 from .cli import JSON, TOLD, as_json, own, report_unread, start
 from .options import OptionError
 
@@ -49,12 +51,19 @@ def main(arguments):
 
 
 def complete(texts):
-    """Add the options of the result whose snapshot the spectrum is about, {name: text}."""
-    if not texts.get("pgran_restart"):
-        return texts
-    from .output.reading import begun_from
+    """Add the options of the result whose snapshot the spectrum is about, and a file for the mode.
 
-    return begun_from(texts)
+    ``texts`` and what is returned are {name: text}.
+    """
+    if texts.get("pgran_restart"):
+        from .output.reading import begun_from
+
+        texts = begun_from(texts)
+        path = Path(texts["pgran_restart"])
+        return {"pgran_output": str(path.with_name(f"{path.stem}_mode.h5")), **texts}
+    parameters = cases.read(texts)
+    name = "_".join(Path(kind.split(":")[0]).stem for kind in (parameters.case, parameters.model))
+    return {"pgran_output": f"results/{name}_mode.h5", **texts}
 
 
 def run(parameters, asked, comm):
@@ -144,15 +153,19 @@ def sweep(parameters, asked, comm, say):
     Each is the eigenvalue of harmonic (1, +-1) of its own cell; where several modes have
     that name, of the one that is most of it. A line is written as soon as it is known.
     """
+    from .output.files import Disk, make_parents
     from .solve import spectrum
 
     path = Path(parameters.output).with_suffix(".csv")
     columns = ["k1", "k2", "computed", "analytic", "relative_error", "residual"]
     ticks = asked.sweep_end * (np.arange(asked.sweep) + 0.5) / asked.sweep
     found, worst = 0, 0.0
-    if comm.rank == 0:
-        path.parent.mkdir(parents=True, exist_ok=True)
+
+    def begin():
+        make_parents(path)
         path.write_text(",".join(columns) + "\n")
+
+    Disk(comm.tompi4py(), "output", parameters.output).do(begin)
     for k in ((k1, k2) for k1 in ticks for k2 in ticks):
         rate = float(spectrum.theory(parameters, np.array(k)))
         _, rows, _ = spectrum.spectrum(parameters, comm, k, [rate + 1e-3 * abs(rate)])

@@ -234,8 +234,9 @@ RUN = (
     Option("inertia", "bool", False, "", "keep phi rho_s dv/dt", "(2.2)"),
     Option("body_force", "floats", (0.0, 0.0), "stress/d", "body force b1,b2 per volume", "(2.2)",
            length=2, shared=("restart",)),
-    Option("output", "str", "results/pgran.h5", "", "result file; NAME.xdmf is written beside it, "
-           "and an earlier file is kept under a numbered name", suffix=".h5", changeable=True),
+    Option("output", "str", "results/pgran.h5", "", "result file; NAME.xdmf and the snapshots "
+           "are written beside it, and an earlier file is kept under a numbered name",
+           suffix=".h5", changeable=True),
     Option("restart", "str", None, "", "result file from which to start: with -ts_type beuler the "
            "run goes on from its newest good checkpoint, with -ts_type pseudo one of its snapshots "
            "gives geometry and fields, and pgran.eigen finds the spectrum about a snapshot",

@@ -10,7 +10,7 @@ def start(module):
 
 
 run = partial(start, "pgran")
-eigen, stability, growth, measure, plot, watch, figures, budget, studies = (
+eigen, stability, growth, measure, plot, watch, pack, figures, budget, studies = (
     partial(start, f"pgran.{name}") for name in (
-        "eigen", "stability", "growth", "measure", "plot", "watch", "figures", "budget",
+        "eigen", "stability", "growth", "measure", "plot", "watch", "pack", "figures", "budget",
         "studies"))

@@ -1,7 +1,9 @@
 """Follow a run from another terminal: python -m pgran.watch NAME.h5 [-every 5] [-once]
 
 Shows how far the run is, how long it will still take, the last step, and a curve of the history as
-text, until the run has ended. Ctrl-C ends the watching, not the run.
+text, until the run is complete, stopped, failed or killed. On the machine of rank 0 a killed run is
+noticed at the next look. On another machine a run counts as ended when its file has not changed for
+``-silence`` seconds. Ctrl-C ends the watching, not the run.
 """
 
 import os
@@ -13,10 +15,13 @@ import numpy as np
 from .cli import answer, own
 from .options import OptionError, not_among
 from .output import pace
+from .output.files import is_running
 from .output.result import Result
 
 ROWS = (
     own("every", "float", "seconds between two looks", 5.0, unit="s", low=0.1),
+    own("silence", "float", "seconds without a change of the file after which a run of another "
+        "machine counts as ended", 1800.0, unit="s", low=1.0),
     own("once", "flag", "look once", False),
     own("column", "str", "column of the history that is drawn", "inertial_number_max"))
 #: Characters of the curve, across and up.
@@ -39,10 +44,30 @@ def curve(x, y, size=SIZE):
             f"{'':>10}  {x[0]:<12.4g}{x[-1]:>{wide - 12}.4g}"]
 
 
-def look(path, column):
+def ending(result, silence):
+    """Return how the run of a `Result` ended, in words, or None while it runs.
+
+    ``silence`` is the time in seconds without a change of the file after which a run of another
+    machine counts as ended.
+    """
+    attributes = result.attributes
+    if result.complete:
+        return f"complete after {pace.words(attributes['seconds'])}" if "seconds" in attributes \
+            else "complete"
+    if attributes.get("state", "running") != "running":
+        return attributes["state"]
+    alive = is_running(str(attributes.get("process", "")))
+    if alive is None:
+        still = time.time() - os.path.getmtime(result.path)
+        return f"ended: its file has not changed for {pace.words(still)}" if still > silence \
+            else None
+    return None if alive else "killed: its process has ended"
+
+
+def look(path, column, silence):
     """Return what is to be seen of a run, lines of text, and whether it has ended.
 
-    Raises `OptionError` where the history has no such column.
+    ``silence`` is that of `ending`. Raises `OptionError` where the history has no such column.
     """
     result = Result(path)
     history, case, steps = result.history, result.case, len(result.history["time"])
@@ -51,12 +76,12 @@ def look(path, column):
     if column not in history:
         raise OptionError(f"-column {column}: {path} has no such column; "
                           + not_among(column, sorted(history)))
+    state = ending(result, silence)
+    ended = state is not None
     if not steps:
-        return [*lines, "  no step yet"], False
+        return [*lines, f"  no step; {state}" if ended else "  no step yet"], ended
     done = np.array([case.count(time) for time in history["time"]]) / case.count(case.targets[-1])
-    if result.complete:
-        state = f"complete after {pace.words(result.attributes['seconds'])}"
-    else:
+    if not ended:
         spent = os.path.getmtime(path) - float(result.attributes.get("begun", "nan"))
         work = pace.work(history)
         more = pace.left(done, work) if done[-1] >= pace.EARLY else None
@@ -71,13 +96,13 @@ def look(path, column):
               f"linear iterations, I {history['inertial_number_min'][-1]:.2e} to "
               f"{history['inertial_number_max'][-1]:.2e}",
               f"  {column} over {across}:", *curve(along, history[column])]
-    return lines, result.complete
+    return lines, ended
 
 
 def run(asked, paths):
     """Look at the files until all have ended."""
     while True:
-        seen = [look(path, asked.column) for path in paths]
+        seen = [look(path, asked.column, asked.silence) for path in paths]
         if not asked.once and sys.stdout.isatty():
             print("\033[2J\033[H", end="")
         print("\n".join(line for lines, _ in seen for line in lines), flush=True)

@@ -5,7 +5,7 @@ import json
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, parameters, refused, run_ranks
+from conftest import ROOT, discretised, parameters, refused, run_ranks
 
 from pgran.solve import spectrum
 from pgran.solve.spectrum import theory
@@ -191,3 +191,23 @@ def test_the_spectrum_about_a_snapshot_of_a_flowing_specimen_is_found_by_default
     found = json.loads(run_ranks(0, "-m", "pgran.eigen", "-pgran_restart", tmp_path / "x.h5",
                                  "-json").stdout)
     assert found[0]["computed"] > 0.0 and all(row["residual"] < 1e-6 for row in found)
+
+
+def test_a_mode_has_a_default_file_that_is_not_the_result_of_a_run(tmp_path):
+    from pgran.eigen import complete
+    from pgran.output.results import write_once
+
+    assert complete({"pgran_case": "periodic"})["pgran_output"] == "results/periodic_ngf_mode.h5"
+    assert complete({"pgran_output": "a.h5"})["pgran_output"] == "a.h5"
+    form = discretised(width=8, height=24)
+    x = form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    write_once(tmp_path / "run.h5", form, {"coordinates": x})
+    texts = complete({"pgran_restart": str(tmp_path / "run.h5")})
+    assert texts["pgran_output"] == str(tmp_path / "run_mode.h5")
+    assert texts["pgran_width"] == "8.0"
+
+
+def test_a_table_of_wave_vectors_makes_no_mistyped_folder(tmp_path):
+    done = eigen(2, "-pgran_output", tmp_path / "typo" / "x.h5", "-sweep", 2, check=False)
+    refused(done, "there is no folder")
+    assert not (tmp_path / "typo").exists()

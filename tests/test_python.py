@@ -18,6 +18,7 @@ from conftest import run_ranks
 
 import pgran
 from pgran.options import Interrupted, OptionError, ParameterError, SolutionError
+from pgran.output.reading import ResultError
 from pgran.signals import SIGNALS
 from pgran.studies import sweep
 
@@ -82,6 +83,33 @@ def test_a_signal_stops_a_run_in_this_process_which_the_same_call_goes_on_with(t
     whole = pgran.run(tmp_path / "whole.h5", **more)
     assert pgran.run(path, **more).snapshots[-1]["pressure"] == pytest.approx(
         whole.snapshots[-1]["pressure"], rel=1e-6)
+
+
+def test_a_result_refuses_the_data_of_a_later_run_in_its_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first = pgran.run(inertial_number=0.001, **SMALL)
+    second = pgran.run(inertial_number=0.01, **SMALL)
+    assert first.path == second.path == tmp_path / "results" / "biaxial.h5"
+    with pytest.raises(ResultError, match="another run has replaced the run"):
+        first.snapshots[-1]["pressure"]
+    with pytest.raises(ResultError, match="another run has replaced the run"):
+        tuple(first.snapshots[-1].names)
+    assert second.snapshots[-1]["inertial_number"].mean() > 0.005
+    assert pgran.open(tmp_path / "results" / "biaxial.1.h5").snapshots[-1][
+        "inertial_number"].mean() < 0.002
+
+
+def test_results_and_sweeps_do_not_depend_on_the_current_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    result = pgran.run("a.h5", **SMALL)
+    found = pgran.sweep({"inertial_number": [0.001]}, directory="b", **SMALL)
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert result.path == tmp_path / "a.h5" and result.snapshots[-1]["pressure"].mean() > 0.0
+    assert [row["complete"] for row in found.rows()] == [True]
+    pgran.run(found.paths[0], inertial_number=0.01, **SMALL)
+    with pytest.raises(ResultError, match="another run"):
+        found.rows()
 
 
 def test_bad_options_are_told_before_anything_runs(tmp_path):

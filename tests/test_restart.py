@@ -11,7 +11,9 @@ import pytest
 from conftest import ROOT, discretised, pgran, refused, run_ranks
 from test_runs import differences, snapshot
 
+from pgran import watch
 from pgran.output import checkpoint
+from pgran.output.result import Result
 from pgran.solve import state
 from pgran.studies import launch
 
@@ -71,8 +73,10 @@ def test_a_restart_on_the_same_ranks_gives_the_same_result(short, tmp_path):
         assert last.attrs["time"] == file["history/time"][-1]  # where it stopped
     done = pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path)
     same(short, path, 1e-10)
+    with h5py.File(path) as file:
+        kept = [file["snapshots"].get(name, getlink=True).filename for name in file["snapshots"]]
     assert sorted(entry.name for entry in tmp_path.iterdir() if "checkpoint" not in entry.name) == [
-        "run.h5", "run.xdmf"], done.stdout  # nothing is renamed
+        "run.h5", *sorted(kept), "run.xdmf"], done.stdout  # nothing is renamed, nothing left over
     assert path.with_suffix(".xdmf").read_text().count("<Time") == 2
 
 
@@ -403,7 +407,7 @@ def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(long, tm
         run = start(ranks, *options, *again)
         wait_for(path, steps + 3)
         time.sleep(0.3 * chance.random())
-        launch.kill(path)
+        launch.kill(run)
         run.communicate()
         with h5py.File(path) as file:  # whole, whatever happened
             assert len(file["history/time"]) >= steps
@@ -422,9 +426,13 @@ def test_history_is_on_the_disk_while_the_run_goes_on_and_readers_do_not_disturb
         seen = len(held["history/time"])
         wait_for(path, seen + 8)
         assert len(held["history/time"]) == seen
-        launch.kill(path)
+        launch.kill(run)
         run.communicate()
     assert len(history(path)["time"]) >= seen + 8
+    end = time.monotonic() + 20.0
+    while watch.ending(Result(path), 1e9) is None and time.monotonic() < end:
+        time.sleep(0.1)
+    assert watch.ending(Result(path), 1e9) == "killed: its process has ended"
 
 
 def test_one_file_has_one_writer(tmp_path):
@@ -466,6 +474,7 @@ sys.exit(main(sys.argv))
 def test_a_disk_that_fails_ends_in_one_error_with_the_last_checkpoint_intact(tmp_path, fault,
                                                                              message):
     path = tmp_path / "inner" / "run.h5"
+    path.parent.mkdir()
     done = run_ranks(2, "-c", FAULT.format(call=9, fault=fault), "-options_file",
                      ROOT / "options" / "direct.opts", *SMALL, "-pgran_checkpoint_steps", 2,
                      "-pgran_output", path, check=False, limit=60)

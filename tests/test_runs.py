@@ -306,7 +306,7 @@ def test_a_run_that_cannot_go_on_says_so_and_keeps_what_it_has(tmp_path):
     assert "pgran: error: no step down to -pgran_step_min 1e-05 converges" in done.stderr
     with h5py.File(path) as file:
         assert len(file["history/time"]) > 3 and len(file["snapshots"]) == 1
-        assert not file.attrs.get("complete", False)
+        assert not file.attrs.get("complete", False) and file.attrs["state"] == "failed"
 
 
 def test_earlier_results_are_kept(tmp_path):

@@ -11,6 +11,7 @@ import pgran
 from pgran.output import results, vtkhdf
 from pgran.output.reading import FORMAT, ResultError
 from pgran.output.result import numbers
+from pgran.pack import pack
 
 SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.001,
          "-pgran_snapshots", "0.0005,0.001", "-pgran_progress", "quiet")
@@ -172,6 +173,8 @@ def test_a_ring_is_whole(tmp_path):
 def test_a_renamed_and_a_continued_file_are_whole(path, tmp_path):
     moved = tmp_path / "moved.h5"
     shutil.copy(path, moved)
+    for snapshot in path.parent.glob("small.snapshot*"):
+        shutil.copy(snapshot, tmp_path)
     for checkpoint in path.parent.glob("small.checkpoint*"):
         shutil.copy(checkpoint, tmp_path / checkpoint.name.replace("small", "moved"))
     assert len(list(read(moved))) == 2
@@ -183,7 +186,8 @@ def test_a_renamed_and_a_continued_file_are_whole(path, tmp_path):
 def test_a_run_that_goes_on_from_a_file_without_a_field_leaves_it_out_of_both(path, tmp_path):
     """As an earlier release wrote it: arrays that only the later snapshots have are not shown."""
     older = tmp_path / "older.h5"
-    for found in path.parent.glob("small.*h5"):
+    pack(path, older)
+    for found in path.parent.glob("small.checkpoint*"):
         shutil.copy(found, tmp_path / found.name.replace("small", "older"))
     with h5py.File(older, "r+") as file:
         del file["cells"]
@@ -217,7 +221,8 @@ def test_every_dataset_has_its_unit(path):
 
 def test_a_file_with_a_wrong_unit_has_the_right_one_once_a_run_goes_on(path, tmp_path):
     older = tmp_path / "older.h5"
-    for found in path.parent.glob("small.*h5"):
+    pack(path, older)
+    for found in path.parent.glob("small.checkpoint*"):
         shutil.copy(found, tmp_path / found.name.replace("small", "older"))
     with h5py.File(older, "r+") as file:
         file["history/energy_error"].attrs["unit"] = "|sigma_1| d^2"
@@ -242,12 +247,12 @@ def test_observables_have_their_units(tmp_path, case, units):
 
 def test_older_formats_are_read_and_later_ones_are_refused(path, tmp_path):
     old = tmp_path / "old.h5"
-    shutil.copy(path, old)
+    pack(path, old)
     with h5py.File(old, "r+") as file:
         del file["VTKHDF"]
         file.attrs["format"] = 2
     assert len(pgran.open(old).snapshots) == 2
-    assert results.FORMAT == FORMAT == 3
+    assert results.FORMAT == FORMAT == 4
     with h5py.File(old, "r+") as file:
         file.attrs["format"] = FORMAT + 1
     with pytest.raises(ResultError, match="that of a later pgran"):

@@ -1,14 +1,18 @@
 """Whoever watches a run is told how far it is, and how long it will still take."""
 
+import os
 import shlex
+import shutil
 import subprocess
+import sys
 
+import h5py
 import numpy as np
 import pytest
 from conftest import pgran as run_pgran
 
 from pgran import watch
-from pgran.output import pace
+from pgran.output import files, pace
 from pgran.output.result import Result
 
 SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.002)
@@ -46,7 +50,52 @@ def test_a_curve_of_text_has_its_points_and_scales():
     assert lines[0].strip().startswith("16 |") and lines[4].strip().startswith("0 |")
 
 
-def test_watching_tells_what_the_file_holds(path, capsys):
+def changed(path, copy, **attributes):
+    """Copy a result without its snapshots, with other root attributes; return the path."""
+    shutil.copy(path, copy)
+    with h5py.File(copy, "r+") as file:
+        del file["snapshots"]
+        file.create_group("snapshots")
+        file.attrs.update(attributes)
+    return copy
+
+
+@pytest.mark.parametrize("attributes, words", [
+    ({"state": "stopped"}, "compression, stopped"), ({"state": "failed"}, "compression, failed"),
+    ({"state": "complete", "complete": True, "seconds": 60.0}, "complete after 60 s"),
+    ({"state": "running", "process": "another/1 12 345"}, "ended: its file has not changed for")],
+    ids=["stopped", "failed", "complete", "silent on another machine"])
+def test_watching_ends_with_the_run(path, tmp_path, capsys, attributes, words):
+    copy = changed(path, tmp_path / "run.h5", **attributes)
+    os.utime(copy, (1e9, 1e9))
+    assert watch.main([str(copy), "-every", "0.1"]) == 0
+    assert words in capsys.readouterr().out
+
+
+def test_a_run_whose_process_has_ended_counts_as_killed(path, tmp_path, capsys):
+    code = "import pgran.output.files as f; print(f.this_process())"
+    process = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True,
+                             text=True).stdout.strip()
+    assert files.is_running(process) is False and files.is_running(files.this_process()) is True
+    assert files.is_running("another/1 12 345") is None and files.is_running("") is None
+    copy = changed(path, tmp_path / "run.h5", state="running", process=process)
+    assert watch.main([str(copy), "-every", "0.1"]) == 0
+    assert "killed: its process has ended" in capsys.readouterr().out
+
+
+def test_a_run_of_another_machine_is_waited_for(path, tmp_path):
+    result = Result(changed(path, tmp_path / "run.h5", state="running", process="another/1 2 3"))
+    assert watch.ending(result, 1000.0) is None
+
+
+def test_a_run_stores_how_it_ended(path, tmp_path):
+    assert Result(path).attributes["state"] == "stopped"  # by -ts_max_steps
+    run_pgran(0, "direct.opts", tmp_path / "whole.h5", *SMALL[:4], "-pgran_compression", 0.0001)
+    assert Result(tmp_path / "whole.h5").attributes["state"] == "complete"
+
+
+def test_watching_tells_what_the_file_holds(path, tmp_path, capsys):
+    path = changed(path, tmp_path / "run.h5", state="running", process=files.this_process())
     assert watch.main([str(path), "-once"]) == 0
     text = capsys.readouterr().out
     steps = len(Result(path).history["time"])

@@ -22,6 +22,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from .reading import field_of, opened
+from .snapshots import ordered
 
 #: Flow is localised where half the maximum of I is exceeded on less than this share of the area ...
 LOCALISED_AREA = 0.5
@@ -380,10 +381,10 @@ def measure(path):
     """
     found = []
     with opened(path, snapshots=1) as file:
-        for snapshot, group in sorted(file["snapshots"].items()):
+        for snapshot in ordered(file["snapshots"]):
             I = field_of(file, snapshot, "inertial_number")
             attributes = {name: value if isinstance(value, str) else float(value)
-                          for name, value in group.attrs.items()}
+                          for name, value in file["snapshots"][snapshot].attrs.items()}
             found.append({**attributes, "inertial_number_min": float(I.min()),
                           "inertial_number_max": float(I.max()),
                           **band(field_of(file, snapshot, "coordinates"), I)})
@@ -395,7 +396,7 @@ def compare(paths):
     results = []
     for path in paths:
         with opened(path, snapshots=1) as file:
-            last = sorted(file["snapshots"])[-1]
+            last = ordered(file["snapshots"])[-1]
             results.append(tuple(field_of(file, last, name)
                                  for name in ("coordinates", "inertial_number")))
     return mesh_differences(results)

@@ -5,6 +5,7 @@ written whole or not at all, and the last `KEPT` are kept. Arrays are those of t
 its Q2 nodes (nj, ni, ...), corners and elements. Checksums of HDF5 tell a damaged file.
 """
 
+import os
 import re
 from pathlib import Path
 
@@ -21,8 +22,11 @@ NAME = re.compile(r"(.+)\.checkpoint_(\d+)\.h5")
 
 
 def checkpoints_of(path):
-    """Return the checkpoints of a result file, newest first, a list of Path."""
-    path = Path(path)
+    """Return the checkpoints of a result file, newest first, a list of Path.
+
+    They lie beside the target of a symbolic link.
+    """
+    path = Path(os.path.realpath(path) if os.path.islink(path) else path)
     found = [(int(match[2]), entry) for entry in path.parent.iterdir()
              if (match := NAME.fullmatch(entry.name)) and match[1] == path.stem]
     return [entry for _, entry in sorted(found, reverse=True)]

@@ -7,11 +7,13 @@ other. A full disk, a quota or a folder that disappears therefore strikes one ra
 tells the others, and none of them is left waiting in a collective write of HDF5.
 """
 
+import errno
 import fcntl
 import io
 import os
 import shutil
 import socket
+import sys
 from pathlib import Path
 
 import h5py
@@ -19,6 +21,12 @@ import numpy as np
 
 from ..options import PREFIX, ParameterError
 
+#: The folder that is made where it is missing, like those below it.
+RESULTS = "results"
+#: Errors of flock on file systems without locks, such as Lustre mounted without ``-o flock``.
+NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP}
+#: Largest message with field values between ranks, bytes.
+PIECE = 1 << 23
 #: Bytes that HDF5 may need for its own structures in one update of a file.
 STRUCTURES = 1 << 20
 
@@ -82,6 +90,8 @@ def told(problem):
 class Lock:
     """The right to write a file, held by one run at a time. It ends with the process.
 
+    On a file system without locks nothing is held, and a warning on standard error says so.
+
     Raises
     ------
     OSError
@@ -94,7 +104,15 @@ class Lock:
             self._file = open(self.path, "a+")  # held as long as the run
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+            except OSError as problem:
+                if problem.errno in NO_LOCKS:
+                    print(f"pgran: warning: {path}: the file system has no locks "
+                          f"({problem.strerror}); nothing prevents another run from writing this "
+                          "file at the same time", file=sys.stderr, flush=True)
+                    break
+                if not isinstance(problem, BlockingIOError):
+                    self._file.close()
+                    raise
                 self._file.seek(0)
                 holder = self._file.read().strip() or "unknown"
                 self._file.close()
@@ -114,6 +132,44 @@ class Lock:
         if not self._file.closed:
             self.path.unlink(missing_ok=True)
             self._file.close()
+
+
+def this_process():
+    """Return a text that identifies this process: its machine, its number and when it began.
+
+    It is empty where the system has no /proc.
+    """
+    return _process("self") and f"{_machine()} {os.getpid()} {_process('self')}"
+
+
+def is_running(identity):
+    """Return whether the process with the text of `this_process` still runs on this machine.
+
+    None where that is not known: the process belongs to another machine or container.
+    """
+    machine, _, rest = identity.partition(" ")
+    number, _, began = rest.partition(" ")
+    if not began or machine != _machine():
+        return None
+    return _process(number) == began
+
+
+def _machine():
+    """Identify this boot of this machine, and its numbering of processes; empty without /proc."""
+    try:
+        return (Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+                + f"/{os.stat('/proc/self/ns/pid').st_ino}")
+    except OSError:
+        return ""
+
+
+def _process(number):
+    """Return when a process began, in ticks of the machine's clock; empty if it has ended."""
+    try:
+        fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return ""
+    return "" if fields[0] in "ZX" else fields[19]
 
 
 class Draft:
@@ -147,10 +203,18 @@ class Draft:
             with open(self._private, "r+b") as file:
                 os.posix_fallocate(file.fileno(), 0,
                                    os.fstat(file.fileno()).st_size + room + STRUCTURES)
-            self.file = h5py.File(self._private, "r+")
+            self.file = h5py.File(self._private, "r+", locking=False)  # the name is private
         except BaseException:
             self._remove()
             raise
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, problem, trace):
+        """Drop the draft after an error; otherwise it stays open."""
+        if kind:
+            self.drop()
 
     def publish(self, flush):
         """Close the draft and put it in the place of the file.
@@ -190,6 +254,22 @@ def private(path):
     return Path(path).with_name(f".{Path(path).name}.part")
 
 
+def make_parents(path):
+    """Make the missing folders of a file if they are `RESULTS` or lie below it; return them.
+
+    Raises
+    ------
+    OSError
+        If another folder is missing: the path may be mistyped.
+    """
+    missing = [folder for folder in Path(path).parents if not folder.exists()]
+    if any(RESULTS not in folder.parts for folder in missing):
+        raise OSError(f"there is no folder {Path(path).parent}; only {RESULTS} and the folders "
+                      "below it are made")
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    return missing
+
+
 def write_text(path, text):
     """Write a text file, whole or not at all."""
     private(path).write_text(text)
@@ -207,14 +287,16 @@ def _empty():
 def write_blocks(comm, file, data):
     """Write the blocks of all ranks into datasets of an open file. Collective.
 
+    Ranks send buffers of at most `PIECE` bytes, so that rank 0 needs memory for one of them only.
+
     Parameters
     ----------
     comm : mpi4py.MPI.Comm
     file : h5py.Group or None
         Where rank 0 writes; None on the other ranks, and on rank 0 after an error.
     data : iterable of (str, tuple of slice, ndarray)
-        Name of a dataset, this rank's block of it, and the values of the block. All ranks give the
-        same names in the same order.
+        Name of a dataset of real numbers, this rank's block of its first two axes, and the values
+        of the block. All ranks give the same names and components in the same order.
 
     Returns
     -------
@@ -223,19 +305,44 @@ def write_blocks(comm, file, data):
     """
     problem = None
     for name, block, values in data:
+        ends, components = np.array([[part.start, part.stop] for part in block]), values.shape[2:]
         if comm.rank:
-            comm.send((block, values), 0)
+            comm.Send(ends, 0)
+            for rows, columns in pieces(ends, components):
+                comm.Send(np.ascontiguousarray(
+                    values[rows.start - ends[0, 0]:rows.stop - ends[0, 0],
+                           columns.start - ends[1, 0]:columns.stop - ends[1, 0]], float), 0)
             continue
         for source in range(comm.size):
             if source:
-                block, values = comm.recv(source=source)
-            if file is None or problem:
-                continue
-            try:
-                file[name][block] = values
-            except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-                problem = told(error)
+                comm.Recv(ends, source)
+            parts = pieces(ends, components) if source else [block]
+            for part in parts:
+                if source:
+                    values = np.empty((*(axis.stop - axis.start for axis in part), *components))
+                    comm.Recv(values, source)
+                if file is None or problem:
+                    continue
+                try:
+                    file[name][part] = values
+                except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+                    problem = told(error)
     return problem
+
+
+def pieces(ends, components=()):
+    """Yield the blocks (slice, slice) of at most `PIECE` bytes that make up a larger block.
+
+    ``ends`` (2, 2) are the first and last indices of the larger block along each axis, and
+    ``components`` is the shape of the real values at a point. A point with more is one piece.
+    """
+    (j0, j1), (i0, i1) = ends.tolist()
+    points = max(1, PIECE // (8 * int(np.prod(components, dtype=int))))
+    wide = min(points, max(i1 - i0, 1))
+    high = points // wide
+    for j in range(j0, j1, high):
+        for i in range(i0, i1, wide):
+            yield slice(j, min(j + high, j1)), slice(i, min(i + wide, i1))
 
 
 def blocks_of(lattice, fields):

@@ -11,9 +11,11 @@ from ..material.elasticity import COMPONENTS
 from ..options import PREFIX, OptionError, ParameterError, plain, written
 from ..space.element import DIM
 from .files import told
+from .snapshots import linked, problem_of
 
-#: Version of the layout of result files. Those of 2 have no /VTKHDF and no units; both are read.
-FORMAT = 3
+#: Version of the layout of result files. Those of 3 hold their snapshots, those of 2 also have no
+#: /VTKHDF and no units; all are read.
+FORMAT = 4
 #: Components of fields that have any, (shape).
 FIELDS = {"coordinates": (DIM,), "velocity": (DIM,), "deviator": (COMPONENTS,)}
 #: Options of a result that what starts from it does not take over.
@@ -29,10 +31,11 @@ class ResultError(ValueError):
 
 
 @contextmanager
-def opened(path, snapshots=0):
+def opened(path, snapshots=0, only=None):
     """Open a result file to read it, as a context. Not collective.
 
-    ``snapshots`` says how many snapshots it must hold at least.
+    ``snapshots`` says how many snapshots it must hold at least. ``only`` names the snapshot that
+    will be read; all of them are checked unless it is given.
 
     Raises
     ------
@@ -45,7 +48,7 @@ def opened(path, snapshots=0):
         if not os.path.isfile(path):
             raise ResultError(path, "it is not a regular file")
         with h5py.File(path, "r", locking=False) as file:  # it is never changed in place
-            _check(path, file, snapshots)
+            _check(path, file, snapshots, only)
             yield file
     except ResultError:
         raise
@@ -54,7 +57,7 @@ def opened(path, snapshots=0):
                           ) from None
 
 
-def _check(path, file, snapshots):
+def _check(path, file, snapshots, only):
     """Raise `ResultError` unless a file has the layout of a result."""
     version = file.attrs.get("format", FORMAT)
     if version > FORMAT:
@@ -65,7 +68,11 @@ def _check(path, file, snapshots):
         raise ResultError(path, "it is no result of pgran: /snapshots is missing")
     if len(groups) < snapshots:
         raise ResultError(path, f"it holds {len(groups)} snapshots")
-    for name, group in groups.items():
+    run, targets = file.attrs.get("run"), linked(file)
+    for name in targets if only is None else {only} & set(targets):
+        if targets[name] and (problem := problem_of(path, run, targets[name])):
+            raise ResultError(path, f"snapshot {name}: {problem}")
+        group = groups[name]
         coordinates = group.get("coordinates") if isinstance(group, h5py.Group) else None
         if not isinstance(coordinates, h5py.Dataset) or coordinates.ndim != 3 \
                 or coordinates.shape[2] != DIM:

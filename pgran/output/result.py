@@ -5,6 +5,8 @@ snapshot gives fields on the Q2 nodes by name, those of the file and those of `Q
 pyvista grid of Q2 elements.
 """
 
+import os
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +19,10 @@ from ..options import PREFIX, ParameterError
 from ..space.element import GAUSS_TO_NODES, NODES, Geometry
 from . import band
 from .reading import ResultError, field_of, opened, stored_parameters
+from .snapshots import linked
 
+#: Stands for the identifier of any run.
+ANY = object()
 #: Order of the nodes of VTK's biquadratic quadrilateral, as places among those of an element.
 VTK_NODES = 0, 2, 8, 6, 1, 5, 7, 3, 4
 
@@ -102,9 +107,15 @@ class Result:
     ----------
     path : str or Path
         The HDF5 file, which may still be written.
+    run : str or None, optional
+        The identifier of the run that the file must hold; any run unless given.
 
     Attributes
     ----------
+    path : Path
+        The absolute path of the file.
+    run : str or None
+        The identifier of the run. Files of release 0.1 have none.
     attributes : dict
         Root attributes: versions, scales, and what the run took if it has ended.
     parameters : pgran.options.Parameters
@@ -120,25 +131,40 @@ class Result:
     Raises
     ------
     ResultError
-        If it is not a result of pgran.
+        If it is not a result of pgran. Reading a snapshot raises it also where the file holds
+        another run by then.
     """
 
-    def __init__(self, path):
-        self.path = Path(path)
-        with opened(path) as file:
+    def __init__(self, path, run=ANY):
+        self.path, self.run = Path(os.path.abspath(path)), run  # the current directory may change
+        with self.opened() as file:
             self.attributes = dict(file.attrs)
+            self.run = self.attributes.get("run")
             self.parameters = stored_parameters(file)
             self.history = {name: data[...] for name, data in file.get("history", {}).items()}
             self.history_units = {name: str(data.attrs.get("unit", ""))
                                   for name, data in file.get("history", {}).items()}
-            self.snapshots = [Snapshot(self, name, dict(group.attrs))
-                              for name, group in sorted(file["snapshots"].items())]
+            self.snapshots = [
+                Snapshot(self, name, dict(file["snapshots"][name].attrs), target)
+                for name, target in linked(file).items()]
         self.options = {row.name: getattr(self.parameters, row.name)
                         for row in self.parameters.rows}
 
     def __getstate__(self):
         """Leave out the case, which is made again: it may hold functions."""
         return {name: value for name, value in vars(self).items() if name != "case"}
+
+    @contextmanager
+    def opened(self, only=None):
+        """Open the file to read it, as a context; raises `ResultError` if it holds another run.
+
+        ``only`` names the snapshot that will be read.
+        """
+        with opened(self.path, only=only) as file:
+            if self.run is not ANY and file.attrs.get("run") != self.run:
+                raise ResultError(self.path, "another run has replaced the run that was read from "
+                                  "this file")
+            yield file
 
     def __repr__(self):
         end = "complete" if self.complete else "not complete"
@@ -209,11 +235,13 @@ class Snapshot:
         Of its group in the file.
     attributes : dict
         Such as ``time`` (1/gdot0) and ``label``.
+    target : str or None
+        The name of its file; None for a snapshot inside the result file.
     """
 
-    def __init__(self, result, name, attributes):
+    def __init__(self, result, name, attributes, target=None):
         self.result, self.name, self.attributes = result, name, attributes
-        self._read, self._periods = {}, {}
+        self.target, self._read, self._periods = target, {}, {}
 
     def __repr__(self):
         return f"<snapshot {self.name} of {self.result.path}: {self.label}>"
@@ -233,9 +261,18 @@ class Snapshot:
     def stored(self, name):
         """Return a field of the file, (ny, nx, ...); raises `ResultError` where there is none."""
         if name not in self._read:
-            with opened(self.result.path) as file:
+            with self._opened() as file:
                 self._read[name] = field_of(file, self.name, name)
         return self._read[name]
+
+    @contextmanager
+    def _opened(self):
+        """Open the result, as a context; raises `ResultError` where it has another snapshot."""
+        with self.result.opened(self.name) as file:
+            if linked(file).get(self.name, "") != self.target:
+                raise ResultError(self.result.path, f"snapshot {self.name} was replaced after it "
+                                  "was read, as the run went on")
+            yield file
 
     def keep(self, fields, periods=None):
         """Take fields, {name: (ny, nx, ...)}, and `period` values in place of those of the file."""
@@ -250,7 +287,7 @@ class Snapshot:
         have no such attribute: the period of a fixed mesh then comes from the case.
         """
         if name not in self._periods:
-            with opened(self.result.path) as file:
+            with self._opened() as file:
                 data = file["snapshots"][self.name].get(name)
                 found = None if data is None else data.attrs.get("period")
             if found is None:
@@ -389,7 +426,7 @@ class Snapshot:
     @cached_property
     def names(self):
         """The fields of the file besides the coordinates, a tuple of names."""
-        with opened(self.result.path) as file:
+        with self._opened() as file:
             return tuple(name for name in file["snapshots"][self.name] if name != "coordinates")
 
 

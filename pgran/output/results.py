@@ -1,9 +1,10 @@
 """Result files: HDF5 with snapshots and history, and XDMF beside it.
 
-``/snapshots/NNNN`` holds fields on the grid of Q2 nodes (row = x2 index),
-``/history`` one entry for each accepted step, the root attributes the resolved
-options, the versions and the scales. ``/cells`` holds the nodes of the cells for XDMF. The file is
-closed after each writing, so a run that stops later loses nothing that was written.
+``/snapshots/NNNN`` links to the fields on the grid of Q2 nodes (row = x2 index), each snapshot in
+a file of its own (`pgran.output.snapshots`), ``/history`` holds one entry for each accepted step,
+the root attributes the resolved options, the versions and the scales. ``/cells`` holds the nodes of
+the cells for XDMF. The result file is replaced as a whole, after the file of a new snapshot is on
+the disk: a run that is killed at any time leaves a good one.
 """
 
 import os
@@ -12,7 +13,7 @@ import uuid
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape
 
 import h5py
 import numpy as np
@@ -21,11 +22,33 @@ from petsc4py import PETSc
 from .. import __version__
 from ..options import PREFIX, ParameterError
 from ..space.element import DIM
+from . import vtkhdf
 from .checkpoint import NAME, checkpoints_of
-from .files import Disk, Draft, Lock, blocks_of, local_part, together, write_blocks, write_text
+from .files import (
+    Disk,
+    Draft,
+    Lock,
+    blocks_of,
+    local_part,
+    make_parents,
+    this_process,
+    together,
+    write_blocks,
+    write_text,
+)
 from .reading import FIELDS, FORMAT, ResultError, opened, stored_parameters
 from .result import cells
-from .vtkhdf import link
+from .snapshots import (
+    GROUP,
+    NAME as SNAPSHOT_NAME,
+    REPEATED,
+    add_link,
+    file_name,
+    linked,
+    next_serial,
+    ordered,
+    remove_unlinked,
+)
 
 #: Columns of the history of a run in time: energies (stress d^2) and volume (d^2), per unit depth.
 BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
@@ -46,8 +69,23 @@ ATTRIBUTE_UNITS = {"growth_rate": "gdot0", "steady_residual": "stress d", "begun
                    "scale_time": "s"}
 #: What the names of the fields of the flow begin with that a mode was found about.
 BASE = "base_"
+#: Root attribute: how many names of snapshot files the run has used.
+SERIAL = "snapshot_files"
+#: Steps in one piece of a column of the history.
+CHUNK = 128
+#: Bytes that the result file needs at most for each snapshot, and for each node.
+LINK, ELEMENT = 1000, 100
 #: Largest share of the time that writing the history takes.
 SHARE = 0.02
+#: What NAME.xdmf begins and ends with.
+XDMF_BEGIN = '''<?xml version="1.0"?>
+<Xdmf Version="2.0">
+<Domain>
+<Grid Name="pgran" GridType="Collection" CollectionType="Temporal">
+'''
+XDMF_END = "</Grid>\n</Domain>\n</Xdmf>\n"
+#: Values of the root attribute ``state``.
+RUNNING, COMPLETE, STOPPED, FAILED = "running", "complete", "stopped", "failed"
 #: Root attributes that say how a run ended.
 ENDING = {"complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
           "linear_iterations", "seconds", "memory", "ranks"}
@@ -87,13 +125,19 @@ class Writer:
 
     def __init__(self, path, form, attributes=None, option=("output", PREFIX),
                  columns=HISTORY):
-        self.path, self.grid, self.case = Path(path), form.grid, form.case
+        # A symbolic link stays one, and all files of the run lie beside its target.
+        self.path = Path(os.path.realpath(path) if os.path.islink(path) else path)
+        self.grid, self.case = form.grid, form.case
         self.comm = self.grid.comm.tompi4py()
         self.disk = Disk(self.comm, option[0], path, option[1])
         self._attributes, self.kept = dict(attributes or {}), None
         self._columns = {name: [] for name in (*columns, *self.case.observables)}
-        self.snapshots, self._fields, self._free_from = [], {}, 0.0
-        self._lock = self._draft = self.run = None
+        self.snapshots, self._fields, self._free_from = [], None, 0.0
+        self._files, self._serial, self._root = [], 0, {}  # on rank 0
+        #: Along which of x1 and x2 the first nodes are repeated in VTKHDF.
+        self._ends = tuple(wrap and not closed for wrap, closed in zip(
+            self.grid.periodic, self.case.closed))
+        self._lock = self.run = None
         self.disk.do(self._claim)
 
     # Making the file
@@ -102,10 +146,10 @@ class Writer:
         """Check that the file can be written, and take the right to do so."""
         if self.path.exists() and not self.path.is_file():
             raise OSError("it exists and is not a regular file")
-        if match := NAME.fullmatch(self.path.name):
-            raise OSError(f"this is the name of a checkpoint of {match[1]}.h5")
-        self._made = [folder for folder in self.path.parents if not folder.exists()]
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        for pattern, kind in ((NAME, "checkpoint"), (SNAPSHOT_NAME, "snapshot")):
+            if match := pattern.fullmatch(self.path.name):
+                raise OSError(f"this is the name of a {kind} of {match[1]}.h5")
+        self._made = make_parents(self.path)
         self._lock = Lock(self.path)
 
     @property
@@ -128,45 +172,101 @@ class Writer:
         same = source is not None and self.disk.do(
             lambda: self.path.exists() and os.path.samefile(source.path, self.path))
         # A run that goes on in its file is the same one: its checkpoints hold until there are new.
-        self.run = source.run if same else self.comm.bcast(uuid.uuid4().hex)
+        self.run = source.run if same else self.comm.bcast(uuid.uuid4().hex[:16])
         self.kept, self.snapshots, self._fields, self._columns = self.disk.do(
             lambda: self._make(source, same))
-        if self.snapshots:
-            self._write_xdmf()
 
     def _make(self, source, same):
-        attributes = {
-            "run": self.run, "format": FORMAT, "closed": self.case.closed,
+        snapshots, fields = self._take_over(source) if source else ([], None)
+        self._set_root({
+            "state": RUNNING, "process": this_process(), "run": self.run, "format": FORMAT,
+            "closed": self.case.closed,
             "options": self.case.parameters.text(),
             "pgran_version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
-            **self.case.scales(), **self._attributes}
-        snapshots, fields = [], {}
-        draft = Draft(self.path, 0, source.path if source else None)
-        try:
-            file = draft.file
-            for group in ("snapshots", "history"):
-                file.require_group(group)
-            if source:
-                snapshots, fields = source.cut(file, self._columns)
-            for name in self._columns:
-                if name not in file["history"]:
-                    file["history"].create_dataset(
-                        name, shape=(0,), maxshape=(None,), chunks=(1024,),
-                        dtype="i8" if name in INTEGERS else "f8")
-                file["history"][name].attrs["unit"] = self._unit(name)
-            link(file, self.case.closed)
-            self._set_attributes(file, attributes)
-            if "cells" not in file:
-                file["cells"] = cells(self.grid.nodes.shape[::-1], self.case.closed)
-            kept = None if same else self._make_room()
-        except BaseException:
-            draft.drop()
-            raise
-        draft.publish(flush=True)
-        if not snapshots:
-            self.path.with_suffix(".xdmf").unlink(missing_ok=True)
+            **self.case.scales(), **self._attributes})
+        kept = None if same else self._make_room()
+        self._write_index(snapshots, fields)
+        remove_unlinked(self.path, self.run, self._files)
+        self.path.with_suffix(".xdmf").unlink(missing_ok=True)
+        if snapshots:
+            self._write_xdmf(snapshots, fields)
         return kept, snapshots, fields, self._columns
+
+    def _take_over(self, source):
+        """Take what a `Source` holds, and return what `Source.read` does of its snapshots.
+
+        Snapshots that lie in the source itself, or in files of another run, are copied into files
+        of this run.
+        """
+        with opened(source.path) as file:
+            snapshots, fields, self._root = source.read(file, self._columns)
+            self._serial = max(next_serial(self.path, self.run), int(self._root.get(SERIAL, 0)))
+            targets = linked(file)
+            for name, _ in snapshots:
+                target, group = targets[name], file["snapshots"][name]
+                if target is None or self.run != source.run:
+                    draft = self._snapshot_draft(sum(data.nbytes for data in group.values()))
+                    target = draft.path.name
+                    with draft:
+                        file.copy(group, draft.file, GROUP)
+                        if vtkhdf.open_ends(group, self.case.closed) == self._ends:
+                            self._repeat_nodes(draft.file)
+                        else:  # of an earlier release, without the period
+                            self._ends = False, False
+                    draft.publish(flush=True)
+                elif REPEATED not in group.file:
+                    self._ends = False, False
+                self._files.append(target)
+        return snapshots, fields
+
+    def _snapshot_draft(self, room):
+        """Return the `Draft` of the next snapshot file, for ``room`` bytes of fields."""
+        path = file_name(self.path, self.run, self._serial)
+        self._serial += 1
+        draft = Draft(path, room)
+        with draft:
+            draft.file.attrs.update({"file": path.name, "run": self.run, "format": FORMAT})
+        return draft
+
+    def _repeat_nodes(self, file):
+        """Write the repeated nodes of the snapshot in an open snapshot file."""
+        if any(self._ends):
+            vtkhdf.repeat(file[GROUP], file.create_group(REPEATED), self._ends)
+
+    def _set_root(self, attributes):
+        """Set root attributes, {name: value}, with their units; return those that were set."""
+        units = {f"{name}_unit": ATTRIBUTE_UNITS[name].replace("stress", self.case.stress_unit)
+                 for name in attributes if name in ATTRIBUTE_UNITS}
+        self._root.update({**attributes, **units})
+        return {**attributes, **units}
+
+    def _write_index(self, snapshots, fields):
+        """Write the result file: root attributes, history, and links to the snapshot files."""
+        shape = self.grid.nodes.shape[::-1]
+        draft = Draft(self.path, 8 * self._history_size() + LINK * len(snapshots)
+                      + ELEMENT * int(np.prod(shape)))
+        with draft:
+            file = draft.file
+            file.attrs.update({**self._root, SERIAL: self._serial})
+            history = file.create_group("history")
+            for name, values in self._columns.items():
+                column = history.create_dataset(
+                    name, data=np.array(values, "i8" if name in INTEGERS else "f8"),
+                    maxshape=(None,), chunks=(CHUNK,))
+                column.attrs["unit"] = self._unit(name)
+            file.create_group("snapshots", track_order=True)
+            for (name, _), target in zip(snapshots, self._files):
+                add_link(file, name, target, self._ends)
+            file.create_dataset("cells", data=cells(shape, self.case.closed), shuffle=True,
+                                compression="gzip")
+            if snapshots:
+                vtkhdf.write(file, [time for _, time in snapshots], shape, fields,
+                             self.case.closed, self._ends)
+        draft.publish(flush=True)
+
+    def _history_size(self):
+        return sum(map(len, self._columns.values()))
 
     def _unit(self, name):
         """The unit of a field or of a column of the history, empty for a pure number."""
@@ -174,14 +274,6 @@ class Writer:
         unit = own.get(name, "") if isinstance(own, dict) and name in own else UNITS.get(
             name.removeprefix(BASE), "")
         return unit.replace("stress", self.case.stress_unit)
-
-    def _set_attributes(self, file, attributes):
-        """Set root attributes, {name: value}, with their units."""
-        for name, value in attributes.items():
-            file.attrs[name] = value
-            if name in ATTRIBUTE_UNITS:
-                file.attrs[f"{name}_unit"] = ATTRIBUTE_UNITS[name].replace(
-                    "stress", self.case.stress_unit)
 
     def _make_room(self):
         """Rename an earlier file, its XDMF and its checkpoints; return the new name."""
@@ -193,7 +285,8 @@ class Writer:
         self.path.rename(kept)
         xdmf = self.path.with_suffix(".xdmf")
         if xdmf.exists():
-            text = xdmf.read_text().replace(self.path.name + ":", kept.name + ":")
+            text = xdmf.read_text().replace(f">{escape(self.path.name)}:/",
+                                            f">{escape(kept.name)}:/")
             kept.with_suffix(".xdmf").write_text(text)
         for checkpoint in checkpoints_of(self.path):
             checkpoint.rename(kept.with_name(kept.stem + checkpoint.name[len(self.path.stem):]))
@@ -221,36 +314,29 @@ class Writer:
 
     def _rewrite(self, flush=True, **attributes):
         """Write the history and root attributes, on rank 0."""
-        self._open_draft(0)
-        self._publish(flush, attributes)
-
-    def _open_draft(self, room):
-        if not self.path.is_file():
-            raise OSError("it was removed while the run wrote it")
-        self._draft = Draft(self.path, room + 8 * sum(map(len, self._columns.values())), self.path)
-
-    def _publish(self, flush, attributes, linked=False):
-        draft, self._draft = self._draft, None
-        try:
+        self._check_present()
+        attributes = self._set_root(attributes)
+        draft = Draft(self.path, 8 * self._history_size(), self.path)
+        with draft:
             for name, values in self._columns.items():
                 data = draft.file["history"][name]
                 if data.shape[0] < len(values):
                     done = data.shape[0]
                     data.resize((len(values),))
                     data[done:] = values[done:]
-            self._set_attributes(draft.file, attributes)
-            if linked:
-                link(draft.file, self.case.closed)
-        except BaseException:
-            draft.drop()
-            raise
+            draft.file.attrs.update(attributes)
         draft.publish(flush)
+
+    def _check_present(self):
+        if not self.path.is_file():
+            raise OSError("it was removed while the run wrote it")
 
     def snapshot(self, time, fields):
         """Write the history, and fields at the local nodes, {name: (..., n)}.
 
-        One of the fields is ``coordinates``. What is not a number is written as it is, and told on
-        standard error.
+        One of the fields is ``coordinates``. The fields go into a file of their own, so that the
+        cost does not depend on the number of snapshots. Values that are not finite are written as
+        they are, with a warning on standard error.
         """
         lattice = self.grid.nodes
         shape = lattice.shape[::-1]
@@ -258,31 +344,50 @@ class Writer:
         components = {key: value.shape[:-1] for key, value in fields.items()}
         periods = {key: self.grid.period(fields[key]) for key in ("coordinates", "velocity")
                    if key in fields and any(self.grid.periodic)}
+        draft = None
 
         def prepare():
-            self._open_draft(8 * sum(int(np.prod(shape + size)) for size in components.values()))
-            group = self._draft.file["snapshots"].create_group(name)
-            group.attrs["time"], group.attrs["label"] = time, self.case.label(time)
-            group.attrs[self.case.counted_by] = self.case.count(time)
-            for key, size in components.items():
-                data = group.create_dataset(key, shape + size, dtype="f8")
-                data.attrs["unit"] = self._unit(key)
-                if key in periods:
-                    data.attrs["period"] = periods[key]
+            nonlocal draft
+            self._check_present()
+            draft = self._snapshot_draft(
+                8 * sum(int(np.prod(shape + size)) for size in components.values()))
+            with draft:
+                group = draft.file.create_group(GROUP)
+                group.attrs["time"], group.attrs["label"] = time, self.case.label(time)
+                group.attrs[self.case.counted_by] = self.case.count(time)
+                for key, size in components.items():
+                    data = group.create_dataset(key, shape + size, dtype="f8")
+                    data.attrs["unit"] = self._unit(key)
+                    if key in periods:
+                        data.attrs["period"] = periods[key]
 
         self.disk.do(prepare)
         self._tell_meaningless(name, fields)
-        group = None if self.comm.rank else self._draft.file["snapshots"][name]
+        group = None if self.comm.rank else draft.file[GROUP]
         problem = write_blocks(self.comm, group, blocks_of(lattice, fields))
         if problem:
-            draft, self._draft = self._draft, None
             draft.drop()
         self.disk.agree(None, problem)
-        self.disk.do(lambda: self._publish(True, {}, linked=True))
-        self._fields = {key: size for key, size in components.items()
-                        if key != "coordinates" and (not self.snapshots or key in self._fields)}
         self.snapshots.append((name, time))
-        self._write_xdmf()
+        known = components if self._fields is None else self._fields
+        self._fields = {key: size for key, size in components.items()
+                        if key != "coordinates" and known.get(key) == size}
+
+        def publish():
+            with draft:
+                self._repeat_nodes(draft.file)
+            draft.publish(flush=True)
+            self._files.append(draft.path.name)
+            self._write_index(self.snapshots, self._fields)
+            self._write_xdmf(self.snapshots, self._fields, add=True)
+
+        self.disk.do(publish)
+
+    def _write_xdmf(self, snapshots, fields, add=False):
+        """Write NAME.xdmf, or only ``add`` the last snapshot to it."""
+        entries = [(*snapshot, target) for snapshot, target in zip(snapshots, self._files)]
+        (add_to_xdmf if add else write_xdmf)(
+            self.path, self.grid.nodes.shape[::-1], entries, fields, self.case.closed)
 
     def _tell_meaningless(self, snapshot, fields):
         """Say which fields of a snapshot are not numbers everywhere, and where."""
@@ -297,18 +402,20 @@ class Writer:
                       f"at {len(places)} nodes, the first at x = ({at}) d", file=sys.stderr,
                       flush=True)
 
-    def _write_xdmf(self):
-        self.disk.do(lambda: write_xdmf(self.path, self.grid.nodes.shape[::-1], self.snapshots,
-                                        self._fields, self.case.closed))
-
     def flush(self, **attributes):
         """Write the history, and root attributes."""
         self.disk.do(lambda: self._rewrite(**attributes))
 
     def close(self):
-        """Let others write the file. Not collective, as it may follow an error of one rank."""
+        """Let others write the file. Not collective, as it may follow an error of one rank.
+
+        A run that has not stored how it ended has failed.
+        """
         if not self._lock:
             return
+        if self._root.get("state") == RUNNING:
+            with suppress(OSError, RuntimeError, KeyError, ValueError):  # as when the disk is full
+                self._rewrite(state=FAILED)
         with suppress(OSError):  # the folder may be gone
             self._lock.release()
             for folder in self._made:
@@ -325,6 +432,7 @@ def write_once(path, form, fields, option=("output", PREFIX), **attributes):
     try:
         writer.begin()
         writer.snapshot(0.0, fields)
+        writer.flush(state=COMPLETE)
     finally:
         writer.close()
     return writer
@@ -346,11 +454,23 @@ class Source:
     def __init__(self, path, run, steps, snapshots):
         self.path, self.run, self.steps, self.snapshots = Path(path), run, steps, snapshots
 
-    def cut(self, file, columns):
-        """Take from an open copy what came later; add its history to ``columns``, {name: list}.
+    def read(self, file, columns):
+        """Read what an open result held at the checkpoint; its history goes into ``columns``.
 
-        Returns the snapshots, pairs of name and time, and the shapes of the components of their
-        fields, {name: tuple}. Raises OSError where the file holds less than it should.
+        Returns
+        -------
+        snapshots : list of (str, float)
+            Names and times.
+        fields : dict or None
+            {name: shape of its components} of the fields that all of them have; None without a
+            snapshot.
+        attributes : dict
+            Root attributes, without those that say how the run ended.
+
+        Raises
+        ------
+        OSError
+            Where the file holds less than it should.
         """
         history, groups = file["history"], file["snapshots"]
         if len(groups) < self.snapshots or any(
@@ -358,18 +478,17 @@ class Source:
             raise OSError(f"{self.path} does not hold the {self.steps} steps and {self.snapshots} "
                           "snapshots that lie before the checkpoint")
         for name, column in columns.items():
-            history[name].resize((self.steps,))
-            column.extend(history[name][...].tolist())
-        names = sorted(groups)
-        for name in names[self.snapshots:]:
-            del groups[name]
-        for name in set(file.attrs) & (ENDING | {f"{name}_unit" for name in ENDING}):
-            del file.attrs[name]
-        kept = names[:self.snapshots]
-        fields = {key: data.shape[2:] for key, data in groups[kept[0]].items() if
-                  key != "coordinates" and all(key in groups[name] for name in kept)
-                  } if kept else {}
-        return [(name, float(groups[name].attrs["time"])) for name in kept], fields
+            column.extend(history[name][:self.steps].tolist())
+        attributes = {name: value for name, value in file.attrs.items()
+                      if name.removesuffix("_unit") not in ENDING}
+        snapshots, fields = [], None
+        for name in ordered(groups)[:self.snapshots]:
+            group = groups[name]
+            snapshots.append((name, float(group.attrs["time"])))
+            theirs = {key: data.shape[2:] for key, data in group.items() if key != "coordinates"}
+            fields = theirs if fields is None else {
+                key: size for key, size in fields.items() if theirs.get(key) == size}
+        return snapshots, fields, attributes
 
 
 def write_xdmf(path, shape, snapshots, fields, closed=(False, False)):
@@ -384,26 +503,49 @@ def write_xdmf(path, shape, snapshots, fields, closed=(False, False)):
     shape : tuple of int
         Numbers of nodes (ny, nx).
     snapshots : list
-        Pairs of the name of a group and the time.
+        Triples of the name of a group, the time, and the name of the snapshot file.
     fields : dict
         {name: shape of its components}, besides the coordinates.
     closed : tuple of bool
         As `cells` has it.
     """
-    path, count = Path(path), len(cells(shape, closed))
-    topology = (f'<Topology TopologyType="Quadrilateral" NumberOfElements="{count}">'
-                + xdmf_array(path.name, "/cells", (count, 4), "Int") + "</Topology>")
-    lines = ['<?xml version="1.0"?>', '<Xdmf Version="2.0">', "<Domain>",
-             '<Grid Name="pgran" GridType="Collection" CollectionType="Temporal">']
-    for group, time in snapshots:
-        x = xdmf_array(path.name, f"/snapshots/{group}/coordinates", (shape[0] * shape[1], DIM))
-        lines += [f'<Grid Name="{group}" GridType="Uniform"><Time Value="{time:.16g}"/>',
-                  topology, f'<Geometry GeometryType="XY">{x}</Geometry>']
-        lines += [xdmf_field(name, path.name, f"/snapshots/{group}/{name}", shape, components)
-                  for name, components in fields.items()]
-        lines.append("</Grid>")
-    lines += ["</Grid>", "</Domain>", "</Xdmf>"]
-    write_text(path.with_suffix(".xdmf"), "\n".join(lines) + "\n")
+    path = Path(path)
+    grids = "".join(_xdmf_grid(path, shape, *snapshot, fields, closed) for snapshot in snapshots)
+    write_text(path.with_suffix(".xdmf"), XDMF_BEGIN + grids + XDMF_END)
+
+
+def add_to_xdmf(path, shape, snapshots, fields, closed=(False, False)):
+    """Add the last one of the snapshots to NAME.xdmf; parameters as for `write_xdmf`.
+
+    Only this is written, in one piece, so that the cost does not depend on their number. A file
+    that does not hold the earlier ones is written anew.
+    """
+    path = Path(path)
+    text = _xdmf_grid(path, shape, *snapshots[-1], fields, closed) + XDMF_END
+    try:
+        with open(path.with_suffix(".xdmf"), "r+b", buffering=0) as file:
+            end = file.seek(-len(XDMF_END), os.SEEK_END)
+            if len(snapshots) > 1 and file.read() == XDMF_END.encode():
+                file.seek(end)
+                if file.write(text.encode()) == len(text.encode()):
+                    return
+    except FileNotFoundError:
+        pass
+    write_xdmf(path, shape, snapshots, fields, closed)
+
+
+def _xdmf_grid(path, shape, group, time, target, fields, closed):
+    """Return the element of XDMF of one snapshot."""
+    count = len(cells(shape, closed))
+    x = xdmf_array(target, f"/{GROUP}/coordinates", (shape[0] * shape[1], DIM))
+    lines = [f'<Grid Name="{group}" GridType="Uniform"><Time Value="{time:.16g}"/>',
+             f'<Topology TopologyType="Quadrilateral" NumberOfElements="{count}">'
+             + xdmf_array(path.name, "/cells", (count, 4), "Int") + "</Topology>",
+             f'<Geometry GeometryType="XY">{x}</Geometry>',
+             *(xdmf_field(name, target, f"/{GROUP}/{name}", shape, components)
+               for name, components in fields.items()),
+             "</Grid>"]
+    return "\n".join(lines) + "\n"
 
 
 def xdmf_array(file, dataset, shape, kind="Float"):
@@ -412,7 +554,7 @@ def xdmf_array(file, dataset, shape, kind="Float"):
     VTK finds the dataset only in the file itself: it does not follow external links.
     """
     return (f'<DataItem Dimensions="{" ".join(map(str, shape))}" NumberType="{kind}" Precision="8" '
-            f'Format="HDF">{quoteattr(f"{file}:{dataset}")[1:-1]}</DataItem>')
+            f'Format="HDF">{escape(f"{file}:{dataset}")}</DataItem>')
 
 
 def xdmf_field(name, file, dataset, shape, components):
@@ -471,7 +613,7 @@ def _read_fields(parameters, start, number, form, names, optional=()):
         with opened(path) as file:
             if start == "seed" and "growth_rate" not in file.attrs:
                 refuse("it holds no mode, as pgran.eigen writes it")
-            found = sorted(file["snapshots"])
+            found = ordered(file["snapshots"])
             if not -len(found) <= number < len(found):
                 refuse(f"it holds {len(found)} snapshots, and snapshot {number} is asked for")
             group = file["snapshots"][found[number]]

@@ -1,8 +1,8 @@
 """A result file is a VTKHDF file too: a temporal UnstructuredGrid of biquadratic quadrilaterals.
 
 ParaView and pyvista then show Q2 fields as Q2. ``/VTKHDF`` holds the elements once. Points and
-point data are virtual datasets: links to the fields of the snapshots, padded with zeros where VTK
-wants three components or nine, without a second copy.
+point data are virtual datasets: links to the fields of the snapshots, which may lie in files of
+their own, padded with zeros where VTK wants three components or nine, without a second copy.
 """
 
 import h5py
@@ -10,7 +10,8 @@ import numpy as np
 
 from ..material.elasticity import COMPONENTS
 from ..space.element import DIM
-from .result import q2_elements
+from .result import numbers, q2_elements
+from .snapshots import REPEATED, ordered
 
 #: The version of VTK's layout.
 VERSION = 2, 0
@@ -18,6 +19,8 @@ VERSION = 2, 0
 BIQUADRATIC_QUAD = 28
 #: Components of VTK's tensors that have those of a plane symmetric one: 11, 22 and 12.
 TENSOR = (0,), (4,), (1, 3)
+#: The groups of ``/VTKHDF`` that have the snapshots, and their repeated nodes, by numbers 0, 1, ...
+NUMBERED = {"snapshots": "Snapshots", REPEATED: "Repeated"}
 #: What VTK calls the rows of its table of steps.
 OFFSETS = "PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets"
 
@@ -35,42 +38,60 @@ def link(file, closed=(False, False)):
     closed : tuple of bool
         Whether the last nodes along x1 and x2 neighbour the first ones.
     """
-    groups = [group for _, group in sorted(file["snapshots"].items())]
-    for name in set(file.get("repeated", ())) - set(file["snapshots"]):
-        del file["repeated"][name]
+    groups = {name: file["snapshots"][name] for name in ordered(file["snapshots"])}
     if not groups:
-        file.pop("VTKHDF", None)
         return
-    shape = groups[0]["coordinates"].shape[:2]
-    ends = tuple(map(all, zip(*(open_ends(group, closed) for group in groups))))
-    more = [repeat(file, group, ends) for group in groups] if any(ends) else []
-    elements = q2_elements(shape, closed, ends)
-    nodes = int(np.prod(shape)) + (len(more[0]["coordinates"]) if more else 0)
-    root = file.require_group("VTKHDF")
-    if "Types" not in root or root["NumberOfPoints"][0] != nodes:
-        _elements(root, elements, nodes)
-    for name in ("Points", "PointData", "Steps"):
-        root.pop(name, None)
+    ends = tuple(map(all, zip(*(open_ends(group, closed) for group in groups.values()))))
+    for name, group in groups.items():
+        if any(ends):
+            repeat(group, file.require_group(f"{REPEATED}/{name}"), ends)
+    first, *more = groups.values()
+    write(file, [float(group.attrs["time"]) for group in groups.values()],
+          first["coordinates"].shape[:2],
+          {name: data.shape[2:] for name, data in first.items()
+           if name != "coordinates" and all(name in group for group in more)}, closed, ends)
+
+
+def write(file, times, shape, fields, closed=(False, False), ends=(False, False)):
+    """Write ``/VTKHDF`` into an open result file without it; no snapshot is opened.
+
+    Parameters
+    ----------
+    file : h5py.File
+        Open for writing, with ``/snapshots`` and, if ``ends`` says so, ``/repeated``.
+    times : list of float
+        The times of its snapshots, 1/gdot0.
+    shape : tuple of int
+        (ny, nx) nodes.
+    fields : dict
+        {name: shape of its components}, of the fields that all snapshots have.
+    closed : tuple of bool
+        Whether the last nodes along x1 and x2 neighbour the first ones.
+    ends : tuple of bool
+        Along which of x1 and x2 the first nodes are repeated.
+    """
+    count, more = len(times), numbers(shape, ends).size - shape[0] * shape[1]
+    nodes = shape[0] * shape[1] + more
+    root = file.create_group("VTKHDF")
+    _elements(root, q2_elements(shape, closed, ends), nodes)
+    for source in ("snapshots", REPEATED) if more else ("snapshots",):
+        numbered = root.create_group(NUMBERED[source])
+        for number, name in enumerate(ordered(file["snapshots"])):
+            numbered[str(number)] = h5py.SoftLink(f"/{source}/{name}")
     steps = root.create_group("Steps")
-    steps.attrs["NSteps"] = len(groups)
-    steps["Values"] = [float(group.attrs["time"]) for group in groups]
-    starts = np.arange(len(groups), dtype="i8") * nodes
-    none = np.zeros_like(starts)
+    steps.attrs["NSteps"] = count
+    steps["Values"] = times
+    none = np.zeros(count, dtype="i8")
     steps["NumberOfParts"] = none + 1
     for name in OFFSETS:
         two = none if name in OFFSETS[:2] else none[:, None]  # one for each kind of cells
-        steps[name] = starts if name == "PointOffsets" else two
-
-    def sources(name):
-        return list(zip(*([group[name] for group in part] for part in (groups, more) if part)))
-
-    _virtual(root, "Points", sources("coordinates"), nodes)
+        steps[name] = np.arange(count, dtype="i8") * nodes if name == "PointOffsets" else two
+    _virtual(root, "Points", "coordinates", shape, (DIM,), count, more)
     root.create_group("PointData")
     steps.create_group("PointDataOffsets")
-    for name in groups[0]:
-        if name != "coordinates" and all(name in group for group in groups):
-            _virtual(root["PointData"], name, sources(name), nodes)
-            steps["PointDataOffsets"][name] = starts
+    for name, components in fields.items():
+        _virtual(root["PointData"], name, name, shape, components, count, more)
+        steps["PointDataOffsets"][name] = steps["PointOffsets"]
 
 
 def open_ends(group, closed):
@@ -82,24 +103,19 @@ def open_ends(group, closed):
     return tuple(not wrap and bool(np.any(shift)) for wrap, shift in zip(closed, period))
 
 
-def repeat(file, group, ends):
-    """Write the fields of a snapshot at the repeated nodes, unless they are there; return them.
+def repeat(group, found, ends):
+    """Write the fields of a snapshot at the repeated nodes.
 
     Parameters
     ----------
-    file : h5py.File
-        Where ``/repeated/NNNN`` lies.
     group : h5py.Group
         The snapshot. Fields with an attribute ``period`` change by it.
+    found : h5py.Group
+        Where the fields (n, ...) go, in the order in which `pgran.output.result.numbers` counts
+        the repeated nodes. Fields that it has are left as they are.
     ends : tuple of bool
         Along which of x1 and x2 the first nodes are repeated.
-
-    Returns
-    -------
-    h5py.Group
-        Fields (n, ...) in the order in which `q2_elements` numbers the repeated nodes.
     """
-    found = file.require_group(f"repeated/{group.name.rsplit('/', 1)[-1]}")
     for name, data in group.items():
         if name in found:
             continue
@@ -112,7 +128,6 @@ def repeat(file, group, ends):
         if all(ends):
             parts.append(data[:1, 0] + along + up)
         found[name] = np.concatenate(parts)
-    return found
 
 
 def _elements(root, elements, nodes):
@@ -121,37 +136,49 @@ def _elements(root, elements, nodes):
     root.attrs["Version"] = np.array(VERSION, dtype="i8")
     kind = b"UnstructuredGrid"
     root.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))
-    for name, values in {
-            "NumberOfPoints": [nodes], "NumberOfCells": [count],
-            "NumberOfConnectivityIds": [elements.size],
-            "Connectivity": elements.ravel().astype("i8"),
-            "Offsets": np.arange(count + 1, dtype="i8") * size,
-            "Types": np.full(count, BIQUADRATIC_QUAD, dtype="u1")}.items():
-        root.pop(name, None)
-        root[name] = values
+    root["NumberOfPoints"], root["NumberOfCells"] = [nodes], [count]
+    root["NumberOfConnectivityIds"] = [elements.size]
+    for name, values in (("Connectivity", elements.ravel().astype("i8")),
+                         ("Offsets", np.arange(count + 1, dtype="i8") * size),
+                         ("Types", np.full(count, BIQUADRATIC_QUAD, dtype="u1"))):
+        root.create_dataset(name, data=values, shuffle=True, compression="gzip")
 
 
-def _virtual(root, name, sources, nodes):
-    """Make a dataset that shows one after the other what the ``sources`` hold.
+def _virtual(root, name, field, shape, components, count, more):
+    """Make a dataset that shows one after the other what the snapshots hold of a ``field``.
 
-    For each snapshot these are a field (ny, nx, ...), and perhaps the same field (n, ...) at the
-    repeated nodes; ``nodes`` is the number of all of them.
+    The field is (*shape, *components) in one snapshot, and (more, *components) at its repeated
+    nodes. One mapping serves any ``count`` of snapshots: HDF5 puts the number of each into the name
+    of its source. Where a snapshot is missing, the dataset ends.
     """
-    components = sources[0][0].shape[2:]
+    inner = shape[0] * shape[1]
+    nodes = inner + more
     wide = {(): (), (DIM,): (3,), (COMPONENTS,): (9,)}.get(components, components)
-    layout = h5py.VirtualLayout((len(sources) * nodes, *wide), dtype="f8")
-    for number, parts in enumerate(sources):
-        first = number * nodes
-        for part in parts:
-            whole = h5py.VirtualSource(".", part.name, part.shape, dtype="f8")
-            count = part.size // int(np.prod(components, dtype=int))
-            rows, first = slice(first, first + count), first + count
-            if not components:
-                layout[rows] = whole
-            elif components == (COMPONENTS,):
-                for component, places in enumerate(TENSOR):
-                    for place in places:
-                        layout[rows, place] = whole[..., component]
-            else:
-                layout[rows, :components[0]] = whole
-    root.create_virtual_dataset(name, layout, fillvalue=0.0)
+    size, most = (count * nodes, *wide), (h5py.h5s.UNLIMITED, *wide)
+    properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    properties.set_layout(h5py.h5d.VIRTUAL)
+    properties.set_fill_value(np.zeros(1))
+
+    def map_columns(source, grid, start, columns, values):
+        rows = h5py.h5s.create_simple(size, most)
+        ones = (1,) * len(columns)
+        rows.select_hyperslab((start, *columns), (h5py.h5s.UNLIMITED, *ones), (nodes, *ones),
+                              (int(np.prod(grid)), *(ones if values is None else values)))
+        space = h5py.h5s.create_simple((*grid, *components))
+        if values is None:  # one component of a tensor
+            part = next(part for part, places in enumerate(TENSOR) if columns[0] in places)
+            space.select_hyperslab((*(0 for _ in grid), part), (1,) * (len(grid) + 1),
+                                   block=(*grid, 1))
+        properties.set_virtual(
+            rows, b".", f"/VTKHDF/{NUMBERED[source]}/%b/{field}".encode(), space)
+
+    for source, grid, start in (("snapshots", shape, 0), (REPEATED, (more,), inner)):
+        if source == REPEATED and not more:
+            continue
+        if components == (COMPONENTS,):
+            for place in sorted(sum(TENSOR, ())):
+                map_columns(source, grid, start, (place,), None)
+        else:
+            map_columns(source, grid, start, tuple(0 for _ in components), components)
+    space = h5py.h5s.create_simple(size, most)
+    h5py.h5d.create(root.id, name.encode(), h5py.h5t.IEEE_F64LE, space, properties)

@@ -68,24 +68,30 @@ def apart(path, whole):
     return max(far)
 
 
+def remove(path):
+    """Remove a result with its snapshots and checkpoints, if there is one."""
+    for old in (Path(path), *checkpoints_of(path), *path.parent.glob(f"{path.stem}.snapshot_*.h5")):
+        old.unlink(missing_ok=True)
+
+
 def killed(path, ranks, chance):
     """Go on with the run on ``ranks`` and kill it at a random moment; return whether it ended."""
     before = steps(path)
     again = ("-pgran_restart", path) if checkpoints_of(path) else ()
     if not again and Path(path).exists():
-        Path(path).unlink()  # killed before its first checkpoint
+        remove(path)  # killed before its first checkpoint
     line, environment = launch.command(ranks if ranks > 1 else 0, "-m", "pgran", "-options_file",
                                        FILE, *OPTIONS, "-pgran_output", path, *again)
     wanted, end = before + chance.randint(1, 6), time.monotonic() + LIMIT
     with subprocess.Popen(line, env=environment, start_new_session=True) as process:
         while process.poll() is None and steps(path) < wanted:
             if time.monotonic() > end:
-                launch.kill(path)
+                launch.kill(process)
                 raise SolutionError(f"{path}: it gets no further than {steps(path)} steps")
             time.sleep(0.01)
         time.sleep(0.2 * chance.random())
         ended = process.poll() is not None
-        launch.kill(path)
+        launch.kill(process)
     return ended
 
 
@@ -93,8 +99,7 @@ def kills(moments, directory):
     """Kill a run at random moments; print what came of it."""
     whole, path, chance = directory / "whole.h5", directory / "killed.h5", random.Random(1)
     launch.run(whole, FILE, *OPTIONS, ranks=1)
-    for old in (path, *checkpoints_of(path)):
-        old.unlink(missing_ok=True)
+    remove(path)
     ranks, count = itertools.cycle(RANKS), 0
     while count < moments:
         number = next(ranks)
@@ -103,8 +108,7 @@ def kills(moments, directory):
             print(f"  ended on {number} ranks, {apart(path, whole):.1e} apart")
             if apart(path, whole) > TOLERANCE:
                 raise SolutionError(f"{path}: more than {TOLERANCE:g} apart")
-            for old in (path, *checkpoints_of(path)):
-                old.unlink()
+            remove(path)
             continue
         count += 1
         print(f"  kill {count:2d} on {number} ranks: {steps(path)} steps on the disk, "
@@ -129,17 +133,20 @@ def mount(*arguments):
 def fault(name, path, whole, spoil, mend, before=()):
     """Spoil the disk under a run to ``path``, mend it, and go on; print what came of it.
 
-    ``spoil()`` is called once there are two checkpoints, and ``before`` are words in front of the
-    command.
+    ``spoil(process)`` is called once there are two checkpoints, and ``before`` are words in front
+    of the command.
     """
     more = ("-options_file", FILE, *OPTIONS, "-pgran_output", path)
     line, environment = launch.command(2, "-m", "pgran", *more)
     with subprocess.Popen([*before, *line], env=environment, stderr=subprocess.PIPE,
-                          text=True) as process:
-        while len(checkpoints_of(path)) < KEPT and process.poll() is None:
-            time.sleep(0.01)
-        spoil()
-        errors = process.communicate(timeout=LIMIT)[1]
+                          text=True, start_new_session=True) as process:
+        try:
+            while len(checkpoints_of(path)) < KEPT and process.poll() is None:
+                time.sleep(0.01)
+            spoil(process)
+            errors = process.communicate(timeout=LIMIT)[1]
+        finally:
+            launch.kill(process)
     told = [text for text in errors.splitlines() if "error: " in text]
     if process.returncode != 1 or len(told) != 1:
         raise SolutionError(f"{name}: exit code {process.returncode}, {errors}")
@@ -163,13 +170,15 @@ def faults(directory):
     whole, root = directory / "whole.h5", not os.geteuid()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
-        fault("quota", path, whole, lambda: launch.for_processes(path, restrict), lambda: None)
+        fault("quota", path, whole, lambda process: launch.for_processes(process, restrict),
+              lambda: None)
     with tempfile.TemporaryDirectory() as folder:  # of a user who is not root, who may write always
         os.chmod(folder, 0o777)
         user = ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups")
         if root:
             os.chown(folder, NOBODY, NOBODY)
-        fault("read-only folder", Path(folder) / "run.h5", whole, lambda: os.chmod(folder, 0o555),
+        fault("read-only folder", Path(folder) / "run.h5", whole,
+              lambda process: os.chmod(folder, 0o555),
               lambda: os.chmod(folder, 0o777), user if root else ())
     if not root:
         print("  a full disk is left out: only root can mount a small one")
@@ -178,10 +187,9 @@ def faults(directory):
     disk.mkdir(exist_ok=True)
     mount("mount", "-t", "tmpfs", "-o", f"size={SMALL}", "tmpfs", str(disk))
     try:
-        fault("full disk", disk / "run.h5", whole, lambda: None,
+        fault("full disk", disk / "run.h5", whole, lambda process: None,
               lambda: mount("mount", "-o", f"remount,size={100 * SMALL}", str(disk)))
     finally:
-        launch.kill(disk)
         mount("umount", str(disk))
 
 

@@ -118,22 +118,27 @@ def _passed_on(process):
             signal.signal(number, handler)
 
 
-def for_processes(text, action):
-    """Do ``action(number)`` for all processes whose command line holds a text, but this one.
+def for_processes(process, action):
+    """Do ``action(number)`` for a process and all that it has started, such as its ranks.
 
-    Those of other users, and those that have just ended, are passed over.
+    Processes that have just ended are passed over.
+
+    Parameters
+    ----------
+    process : subprocess.Popen
+        Started with ``start_new_session=True``. The processes of its session are its own.
+    action : callable
     """
     for entry in Path("/proc").iterdir():
-        if not entry.name.isdigit() or int(entry.name) == os.getpid():
-            continue
-        with suppress(OSError):
-            if os.fsencode(text) in (entry / "cmdline").read_bytes():
-                action(int(entry.name))
+        if entry.name.isdigit():
+            with suppress(OSError):
+                if os.getsid(int(entry.name)) == process.pid:
+                    action(int(entry.name))
 
 
-def kill(text):
-    """Send SIGKILL to all processes of this user whose command line holds a text, but this one."""
-    for_processes(text, lambda number: os.kill(number, signal.SIGKILL))
+def kill(process):
+    """Send SIGKILL to a process and to all that it has started; it is as for `for_processes`."""
+    for_processes(process, lambda number: os.kill(number, signal.SIGKILL))
 
 
 def asked(options_file, *options):

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from ..options import OptionError, SolutionError
-from ..output.result import Result, options_of
+from ..output.result import ANY, Result, options_of
 from . import here, launch
 from .table import result_file
 
@@ -90,7 +90,7 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
     parameters : dict
         {name: values}; the points are all combinations.
     directory : str or Path
-        Where the results go, named by their points.
+        Where the results go, named by their points. It is made if it is missing.
     workers : int
         How many runs go on at a time.
     task : int, optional
@@ -104,7 +104,7 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
     OptionError, ParameterError
         Where the options of a point do not fit together, before anything runs.
     """
-    chosen, directory = points(parameters), Path(directory)
+    chosen, directory = points(parameters), Path(os.path.abspath(directory))
     paths = [result_file(directory, " ".join(f"{name} {value}" for name, value in point.items()))
              for point in chosen]
     if task is None:
@@ -118,18 +118,25 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
                           "points; allowed is directory")
     for number in wanted:
         _checked(**{**common, **chosen[number]})
+    directory.mkdir(parents=True, exist_ok=True)
+
+    runs, failures = {}, {}
 
     def make(number):
         try:
-            run(paths[number], **{"ranks": 0, **common, **chosen[number]})
+            result = run(paths[number], **{"ranks": 0, **common, **chosen[number]})
+            runs[number] = result.run
         except SolutionError as error:
-            return str(error)
-        return None
+            failures[number] = str(error)
 
     first = {paths[number]: number for number in reversed(wanted)}  # of points that are equal
     with ThreadPoolExecutor(workers) as pool:
-        failures = dict(zip(first, pool.map(make, first.values())))
-    return Sweep(chosen, paths, {number: failures[paths[number]] for number in wanted})
+        list(pool.map(make, first.values()))
+    for number in wanted:  # points that are equal share a run
+        for known in (runs, failures):
+            if first[paths[number]] in known:
+                known[number] = known[first[paths[number]]]
+    return Sweep(chosen, paths, dict(sorted(failures.items())), runs)
 
 
 class Sweep:
@@ -139,20 +146,23 @@ class Sweep:
     ----------
     points : list of dict
     paths : list of Path
+        Absolute paths.
     failures : dict
         {number of a point: why it failed}, of those that did.
+    runs : dict
+        {number of a point: identifier of its run}, of those that succeeded. A file that holds
+        another run by then is refused with a `ResultError`.
     """
 
-    def __init__(self, points, paths, failures):
-        self.points, self.paths = points, paths
-        self.failures = {number: why for number, why in failures.items() if why}
+    def __init__(self, points, paths, failures, runs):
+        self.points, self.paths, self.failures, self.runs = points, paths, failures, runs
 
     def __len__(self):
         return len(self.points)
 
     def __getitem__(self, number):
         """Return the `Result` of a point."""
-        return Result(self.paths[number])
+        return Result(self.paths[number], self.runs.get(number, ANY))
 
     def rows(self):
         """Return a row for each point, a list of dictionaries: the point and what came of it.
