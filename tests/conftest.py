@@ -89,14 +89,14 @@ class ForkServer:
         return subprocess.CompletedProcess(command, code, *texts)
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def fork_server():
     """Return the `ForkServer` of this process, started by the first call."""
     return ForkServer()
 
 
 def allowed(seconds):
-    """Return a time limit for an idle machine, s, as one for this machine under its present load."""
+    """Return the time limit, s, that takes the place of one for an idle machine."""
     return seconds * fork_server().slowness
 
 

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, discretised, parameters, run_ranks
+from conftest import ROOT, allowed, discretised, parameters, run_ranks
 
 from pgran.options import OptionError, ParameterError, SolutionError
 from pgran.output import section4 as figures
@@ -191,9 +191,9 @@ def test_the_environment_says_how_runs_start(monkeypatch, launcher, ranks, expec
 
 def test_a_run_beyond_its_time_leaves_no_ranks_behind(tmp_path):
     path = tmp_path / "pids"
-    code = f"import os, time; open({str(path)!r}, 'a').write(f'{{os.getpid()}}\\n'); time.sleep(60)"
+    code = f"import os, time; open({str(path)!r}, 'a').write(f'{{os.getpid()}}\\n'); time.sleep(600)"
     with pytest.raises(subprocess.TimeoutExpired):
-        launch.python(2, "-c", code, timeout=3, stderr=subprocess.DEVNULL)
+        launch.python(2, "-c", code, timeout=allowed(3), stderr=subprocess.DEVNULL)
     states = [Path(f"/proc/{pid}/stat") for pid in path.read_text().split()]
     assert len(states) == 2  # they are gone, or wait to be reaped
     assert all(not state.exists() or ") Z " in state.read_text() for state in states)
