@@ -156,6 +156,13 @@ def shared_run(tmp_path_factory):
     return run
 
 
+@pytest.fixture(scope="session")
+def small_specimen(shared_run):
+    """Return the path of a result of a specimen of 8 d x 24 d with two snapshots."""
+    return shared_run("small", 2, "biaxial.opts", "-pgran_width", 8, "-pgran_height", 24,
+                      "-pgran_compression", 0.002, "-pgran_snapshots", "0.001,0.002")[0]
+
+
 def refused(done, *messages):
     """Assert that a run ended with one error message that holds ``messages``."""
     assert done.returncode == 1, done.stdout + done.stderr

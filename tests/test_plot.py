@@ -1,26 +1,23 @@
 """What is in a picture: known fields give known colours at known places."""
 
+import shutil
+from pathlib import Path
+
 import matplotlib
 import numpy as np
 import pytest
-from conftest import ROOT, run_ranks
+from conftest import run_ranks
 
 import pgran
 from pgran import plot
 from pgran.output import pictures
 from pgran.output.result import QUANTITIES, Result, nodal_slope, q2_elements
 
-SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.002,
-         "-pgran_snapshots", "0.001,0.002", "-pgran_progress", "quiet")
-
 
 @pytest.fixture(scope="module")
-def path(tmp_path_factory):
+def path(small_specimen, tmp_path_factory):
     """A result of a small specimen; two snapshots."""
-    path = tmp_path_factory.mktemp("plot") / "small.h5"
-    run_ranks(0, "-m", "pgran", "-options_file", ROOT / "options" / "biaxial.opts", *SMALL,
-              "-pgran_output", path)
-    return path
+    return Path(shutil.copy(small_specimen, tmp_path_factory.mktemp("plot")))
 
 
 @pytest.fixture

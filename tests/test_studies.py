@@ -180,18 +180,23 @@ def test_the_environment_says_how_runs_start(monkeypatch, launcher, ranks, expec
     monkeypatch.setattr(launch, "RANKS", 2)
     monkeypatch.setenv("PGRAN_PYTHON", "python9")
     monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "1")
+    monkeypatch.setenv("OMPI_MCA_mpi_yield_when_idle", "1")
+    monkeypatch.setenv("OMPI_MCA_hwloc_base_binding_policy", "none")
     monkeypatch.delenv("PGRAN_LAUNCH", raising=False)
     if launcher:
         monkeypatch.setenv("PGRAN_LAUNCH", launcher)
     command, environment = launch.command(ranks, "-m", "pgran", "-pgran_width", 8)
     assert command == [*expected, "python9", "-m", "pgran", "-pgran_width", "8"]
     assert ("OMPI_COMM_WORLD_RANK" in environment) == bool(launcher)
+    assert environment["OMPI_MCA_mpi_yield_when_idle"] == "1"
+    assert environment["OMPI_MCA_hwloc_base_binding_policy"] == "none"
     assert environment["PYTHONPATH"].split(os.pathsep)[0] == str(ROOT)
 
 
 def test_a_run_beyond_its_time_leaves_no_ranks_behind(tmp_path):
     path = tmp_path / "pids"
-    code = f"import os, time; open({str(path)!r}, 'a').write(f'{{os.getpid()}}\\n'); time.sleep(600)"
+    code = (f"import os, time; open({str(path)!r}, 'a').write(f'{{os.getpid()}}\\n'); "
+            "time.sleep(600)")
     with pytest.raises(subprocess.TimeoutExpired):
         launch.python(2, "-c", code, timeout=allowed(3), stderr=subprocess.DEVNULL)
     states = [Path(f"/proc/{pid}/stat") for pid in path.read_text().split()]
