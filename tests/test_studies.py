@@ -339,6 +339,7 @@ def test_finer_elements_bring_the_schur_complement_of_li_nearer_to_zero_in_flow(
     assert nearest[1] < 0.6 * nearest[0]  # 0.20 and 0.41
 
 
+@pytest.mark.nightly
 def test_large_specimens_are_counted_with_both_coarse_grids(tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "BENCH", tmp_path)
     bench.main("large", "40", "2")
