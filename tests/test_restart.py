@@ -249,7 +249,7 @@ def test_a_signal_stops_a_run_with_a_checkpoint_and_its_own_exit_code(long, tmp_
     assert "error" not in errors.split("Primary job")[0].split("------")[0]
     assert len(checkpoint.checkpoints_of(path)) == 1
     if name == "SIGTERM":
-        pgran(2, "direct.opts", path, *LONG, "-pgran_restart", path)
+        pgran(0, "direct.opts", path, *LONG, "-pgran_restart", path)
         same(long, path, 1e-7)
 
 
