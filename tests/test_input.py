@@ -314,8 +314,20 @@ def before(folder):
 
 @pytest.mark.parametrize("given, row", [
     pytest.param(given, row, id="-".join([*given[1:], row.name])) for given, row in rows()])
-def test_a_value_that_an_option_does_not_allow_is_refused(server, folder, before, given, row):
-    value = below(row)
+def test_a_value_that_an_option_does_not_allow_is_an_error(given, row):
+    texts = {name.lstrip("-"): value for name, value in zip(given[::2], given[1::2])}
+    with pytest.raises(options.ParameterError) as error:
+        cases.read({**texts, f"pgran_{row.name}": below(row)})
+    assert error.value.as_option().startswith(f"-pgran_{row.name} {below(row)}: allowed is ")
+
+
+#: One row of each kind of option.
+KINDS = {row.kind: (given, row) for given, row in rows()}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_value_that_an_option_does_not_allow_is_refused(server, folder, before, kind):
+    (given, row), value = KINDS[kind], below(KINDS[kind][1])
     done = server("__main__", ["-pgran_output", "keep.h5", *given, f"-pgran_{row.name}", value],
                   folder)
     refused(done, f"-pgran_{row.name} {value}: allowed is ", folder, before)

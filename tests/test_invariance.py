@@ -27,7 +27,8 @@ def plain(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("ranks, partition", [(3, "3,1"), (4, "1,4")])
+@pytest.mark.parametrize("ranks, partition", [
+    (3, "3,1"), pytest.param(4, "1,4", marks=pytest.mark.nightly)])
 def test_the_answer_does_not_depend_on_the_partition(plain, tmp_path, ranks, partition):
     """Both DMDAs, and so everything else, follow the partition of the elements."""
     from conftest import run_ranks

@@ -163,14 +163,14 @@ def test_both_laws_and_models_follow_the_deformation(tmp_path, law, model, modul
 def test_weak_form_and_multigrid_tests_pass_on_ranks(ranks):
     run_ranks(ranks, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_weakform.py",
               "tests/test_multigrid.py", "-k",
-              "not odd_elements and not iterations and not a_split")
+              "not odd_elements and not iterations and not a_split and not more_grids")
 
 
 def test_fieldsplit_and_direct_reach_the_same_answer(tmp_path):
     band = *SMALL, "-pgran_compression", 0.02
     direct, shipped, solved = (tmp_path / f"{name}.h5" for name in ("direct", "shipped", "solved"))
     pgran(0, "direct.opts", direct, *band)
-    pgran(2, "biaxial.opts", shipped, *band)
+    pgran(0, "biaxial.opts", shipped, *band)
     pgran(2, "biaxial.opts", solved, *band, *EXACT)
     assert max(differences(direct, solved).values()) < 1e-8
     # As shipped, other steps fail while the specimen yields, and all later ones differ: what is
