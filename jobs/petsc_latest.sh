@@ -72,7 +72,7 @@ case "${1:-}" in
         setup
         shift
         python="$(pwd)/$venv/bin/python"
-        PGRAN_PYTHON="$python" exec "$python" -m pytest -n 2 --dist loadfile "$@"
+        PGRAN_PYTHON="$python" exec "$python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder "$@"
         ;;
     *) sed -n '2,12s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
 esac

@@ -1,28 +1,126 @@
-"""What the tests share: discretisations, and runs under mpiexec with a time limit."""
+"""What the tests share: discretisations, and commands with a time limit."""
 
+import fcntl
+import functools
+import json
 import os
 import subprocess
+import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
 import petsc4py
+import pytest
 
 # One machine: Open MPI need not look for networks each time that it starts.
 os.environ.setdefault("OMPI_MCA_pml", "ob1")
 os.environ.setdefault("OMPI_MCA_btl", "self,vader")
 # Nor wait at each start for a munge that was installed and does not run.
 os.environ.setdefault("PMIX_MCA_psec", "native")
+# Several runs share the cores: ranks are not bound to the first cores, and ranks that wait for a
+# message let the others compute.
+os.environ.setdefault("OMPI_MCA_hwloc_base_binding_policy", "none")
+os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 petsc4py.init(["pgran-tests"])
 from pgran.studies import launch  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
+#: Seconds that a command may take on an idle machine.
 LIMIT = 240.0
+#: Seconds that the fork server needs to start on an idle machine.
+START = 0.5
+#: The files that take longest. They begin first, so that no worker is left with one at the end.
+LONGEST = ("test_multigrid.py", "test_runs.py", "test_restart.py", "test_flows.py",
+           "test_studies.py", "test_eigen.py", "test_growth.py")
+
+
+class ForkServer:
+    """Runs ``python -m module`` in forks of a process that has imported what commands need.
+
+    One server serves all tests of a pytest process. The time that it needs to start says how fast
+    this machine is at present.
+    """
+
+    def __init__(self):
+        self.line, self.environment = launch.command(0, ROOT / "tests" / "forkserver.py")
+        begin = time.monotonic()
+        self.process = subprocess.Popen(self.line, env=self.environment, text=True,
+                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self.process.stdout.readline() == "ready\n"
+        self.slowness = max(1.0, (time.monotonic() - begin) / START)
+
+    def serves(self, arguments):
+        """Return whether a fork does the same as ``python arguments`` in a new process."""
+        line, environment = launch.command(0)
+        return arguments[0] == "-m" and line[0] == self.line[0] and all(
+            environment.get(name) == self.environment.get(name)
+            for name in {*environment, *self.environment} if name.startswith("PYTHON"))
+
+    def run(self, module, *arguments, folder=ROOT, limit=LIMIT):
+        """Run a command, at most ``limit`` seconds; return the finished process.
+
+        Parameters
+        ----------
+        module : str
+        *arguments : object
+            Their texts are passed on.
+        folder : Path
+            Where the command runs.
+        limit : float
+            Seconds on an idle machine.
+
+        Raises
+        ------
+        subprocess.TimeoutExpired
+        """
+        with tempfile.TemporaryDirectory() as files:
+            output, errors = (Path(files) / name for name in ("output", "errors"))
+            self.process.stdin.write(json.dumps({
+                "module": module, "arguments": list(map(str, arguments)), "folder": str(folder),
+                "environment": launch.command(0)[1], "output": str(output), "errors": str(errors),
+                "limit": limit * self.slowness}) + "\n")
+            self.process.stdin.flush()
+            code = json.loads(self.process.stdout.readline())["code"]
+            command = ["python", "-m", module, *map(str, arguments)]
+            texts = [path.read_text() for path in (output, errors)]
+        if code is None:
+            raise subprocess.TimeoutExpired(command, limit * self.slowness, *texts)
+        return subprocess.CompletedProcess(command, code, *texts)
+
+
+@functools.cache
+def fork_server():
+    """Return the `ForkServer` of this process, started by the first call."""
+    return ForkServer()
+
+
+def allowed(seconds):
+    """Return the time limit, s, that takes the place of one for an idle machine."""
+    return seconds * fork_server().slowness
+
+
+def pytest_collection_modifyitems(items):
+    place = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(place)))
+
+
+def pytest_sessionfinish():
+    if fork_server.cache_info().currsize:
+        fork_server().process.communicate()
 
 
 def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
-    """Run ``python arguments`` on ranks, at most ``limit`` seconds; return the finished process."""
-    done = launch.python(ranks, *arguments, timeout=limit, check=False, text=True, cwd=ROOT,
-                         stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    """Run ``python arguments`` on ranks, at most ``limit`` seconds; return the finished process.
+
+    On 0 ranks, ``-m module`` runs in a fork of the `ForkServer`, and other commands in a new
+    process. The limit is that of an idle machine.
+    """
+    if not ranks and fork_server().serves(arguments):
+        done = fork_server().run(*arguments[1:], limit=limit)
+    else:
+        done = launch.python(ranks, *arguments, timeout=allowed(limit), check=False, text=True,
+                             cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     if check and done.returncode:
         raise AssertionError(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
     return done
@@ -32,6 +130,37 @@ def pgran(ranks, options_file, output, *arguments, **more):
     """Run ``python -m pgran`` with an options file and options."""
     return run_ranks(ranks, "-m", "pgran", "-options_file", ROOT / "options" / options_file,
                      "-pgran_output", output, *arguments, **more)
+
+
+@pytest.fixture(scope="session")
+def shared_run(tmp_path_factory):
+    """Return ``shared_run(name, ranks, options_file, *arguments)``, a run that all files share.
+
+    The first worker that asks for a name makes the run, and the others wait for it. The answer is
+    the path of the result and what the run printed. Tests must not change the result.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent  # the folder of all workers
+
+    def run(name, ranks, options_file, *arguments):
+        path, output = (folder / "shared" / name / f"{name}{suffix}" for suffix in (".h5", ".txt"))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path.with_suffix(".lock"), "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not output.exists():
+                done = pgran(ranks, options_file, path, *arguments)
+                output.write_text(done.stdout)
+        return path, output.read_text()
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def small_specimen(shared_run):
+    """Return the path of a result of a specimen of 8 d x 24 d with two snapshots."""
+    return shared_run("small", 2, "biaxial.opts", "-pgran_width", 8, "-pgran_height", 24,
+                      "-pgran_compression", 0.002, "-pgran_snapshots", "0.001,0.002")[0]
 
 
 def refused(done, *messages):

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, allowed
 
 from pgran.output.result import Result
 from pgran.studies import launch
@@ -82,7 +82,7 @@ def test_a_chain_goes_on_until_it_is_finished_with_the_answer_of_one_run(folder)
                    "PBS_O_WORKDIR": str(folder), "PATH": f"{folder}:{os.environ['PATH']}"}
     for link in range(1, 20):
         done = subprocess.run(["bash", "pgran-chain-biaxial.pbs"], cwd=folder, env=environment,
-                              check=False, timeout=60, capture_output=True, text=True)
+                              check=False, timeout=allowed(60), capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr
         queued = (folder / "queued").read_text().count("again") if (folder / "queued").exists() \
             else 0
@@ -92,7 +92,7 @@ def test_a_chain_goes_on_until_it_is_finished_with_the_answer_of_one_run(folder)
     assert result.complete and queued >= 1
     subprocess.run([sys.executable, "-m", "pgran", "-options_file", "options/biaxial.opts", *SMALL,
                     "-pgran_output", "whole.h5"], cwd=folder, env=environment, check=True,
-                   timeout=120, capture_output=True)
+                   timeout=allowed(120), capture_output=True)
     whole = Result(folder / "whole.h5")
     assert len(whole.history["time"]) == len(result.history["time"])
     for name in ("pressure", "fluidity"):

@@ -33,8 +33,7 @@ def pairs_here(k=None, targets=None, **options):
     return spectrum.spectrum(given, PETSc.COMM_WORLD, k, targets)[1]
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-@pytest.mark.parametrize("elements, limit", [(16, 3e-3), (32, 3e-4)])
+@pytest.mark.parametrize("ranks, elements, limit", [(0, 16, 3e-3), (2, 32, 3e-4)])
 def test_fastest_mode_has_its_analytic_growth(ranks, elements, limit):
     found = pairs(ranks, "-pgran_cell_elements", elements, "-wave_vector", FASTEST)
     assert set(found[0]) == {"computed", "analytic", "relative_error", "residual"}
@@ -48,16 +47,17 @@ def test_fastest_mode_has_its_analytic_growth(ranks, elements, limit):
 @pytest.mark.parametrize("model", ["ngf", "ngf_primitive"])
 def test_infinite_eigenvalues_are_never_answers(model):
     cell = "-pgran_model", model, "-pgran_cell_elements", 4
-    few, many = pairs(1, *cell), pairs(1, *cell, "-eps_nev", 300)
+    few, many = pairs(0, *cell), pairs(0, *cell, "-eps_nev", 300)
     assert len(many) > 50
     assert many[0]["computed"] == pytest.approx(few[0]["computed"], rel=1e-6)
     assert max(abs(pair["computed"]) for pair in many) < 1e8
 
 
-def test_error_falls_with_order_4():
-    errors = [pairs(2, "-pgran_cell_elements", n)[0]["relative_error"] for n in (16, 32, 64)]
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert orders[0] > 3.85 and orders[1] > 3.95
+@pytest.mark.parametrize("elements, order", [
+    (16, 3.85), pytest.param(32, 3.95, marks=pytest.mark.nightly)])
+def test_error_falls_with_order_4(elements, order):
+    errors = [pairs_here(cell_elements=n)[0]["relative_error"] for n in (elements, 2 * elements)]
+    assert np.log2(errors[0] / errors[1]) > order
 
 
 def test_growth_of_li_rises_with_the_square_of_the_wave_number():
@@ -70,8 +70,7 @@ def test_growth_of_li_rises_with_the_square_of_the_wave_number():
     np.testing.assert_allclose(np.array(rates[1:]) / rates[:-1], 4.0, rtol=1e-3)
 
 
-@pytest.mark.parametrize("law", ["bingham", "jop"])
-@pytest.mark.parametrize("relaxation_time", [1e-3, 0.1, 10.0])
+@pytest.mark.parametrize("relaxation_time, law", [(1e-3, "jop"), (0.1, "bingham"), (10.0, "jop")])
 def test_primitive_form_grows_as_its_theory_says(relaxation_time, law):
     given = {"model": "ngf_primitive", "law": law, "relaxation_time": relaxation_time}
     found = pairs_here(cell_elements=32, **given)
@@ -82,9 +81,9 @@ def test_primitive_form_grows_as_its_theory_says(relaxation_time, law):
 
 @pytest.mark.parametrize("model, law, inertial_number", [
     (model, law, I0) for model in ("ngf", "ngf_primitive", "li")
-    for law in ("bingham", "jop", "barker_gray") for I0 in (1e-4, 1e-3, 0.03, 0.3, 1.0)
-    if (law != "bingham" or I0 < 0.6)  # beyond, mu_loc of the Bingham law exceeds 1
-    and (law != "barker_gray" or model == "li")])
+    for law in ("bingham", "jop", "barker_gray")
+    for I0 in (1e-4, 0.03, 0.3 if law == "bingham" else 1.0)  # mu_loc must not exceed 1
+    if law != "barker_gray" or model == "li"])
 def test_both_laws_and_models_over_inertial_numbers(law, inertial_number, model):
     # Away from neutral wave vectors, where a relative error says little.
     k = np.array([0.10, 0.03])
@@ -119,19 +118,19 @@ def test_mode_is_written_and_drawn(tmp_path):
 def test_mode_file_does_not_depend_on_the_ranks(tmp_path):
     # A simple eigenvalue: a multiple one has no mode of its own.
     fields = []
-    for ranks in (1, 2, 3):
+    for ranks in (0, 3):
         path = tmp_path / f"{ranks}.h5"
         eigen(ranks, "-pgran_case", "biaxial", "-pgran_element_size", 8, "-target", "0",
               "-pgran_output", path, "-eps_nev", 2)
         with h5py.File(path) as file:
             fields.append(file["snapshots/0000/velocity"][...])
-    for other in fields[1:]:
-        assert min(np.abs(other - fields[0]).max(), np.abs(other + fields[0]).max()) < 1e-6
+    one, other = fields
+    assert min(np.abs(other - one).max(), np.abs(other + one).max()) < 1e-6
     assert np.abs(fields[0]).max() == pytest.approx(1.0)
 
 
 def test_specimen_of_40_grains_is_stable_on_a_frozen_mesh():
-    found = pairs(2, "-pgran_case", "biaxial", "-pgran_element_size", 4, "-target", "0")
+    found = pairs(0, "-pgran_case", "biaxial", "-pgran_element_size", 4, "-target", "0")
     assert found[0]["computed"] == pytest.approx(-0.67, abs=0.01)
     assert found[0]["analytic"] is None and found[0]["residual"] < 1e-6
 
@@ -180,7 +179,8 @@ sys.exit(main(sys.argv))
     (("-pgran_model", "ig", "-wave_vector", "0.1,0.1"), "-pgran_model ig"),
 ])
 def test_bad_input_gets_one_clear_error(arguments, message):
-    refused(eigen(2, *arguments, "-json", check=False, limit=60), message)
+    ranks = 2 if arguments[0] == "-sweep" else 0
+    refused(eigen(ranks, *arguments, "-json", check=False, limit=60), message)
 
 
 def test_the_spectrum_about_a_snapshot_of_a_flowing_specimen_is_found_by_default(tmp_path):

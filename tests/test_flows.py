@@ -54,9 +54,10 @@ def disturbed(form, size=0.02):
     return local * (1.0 + size * noise(grid, 3)), increment
 
 
-@pytest.mark.parametrize("model", ["ngf", "ngf_primitive"])
-@pytest.mark.parametrize("wall", ["natural", "zero", "local"])
-@pytest.mark.parametrize("case", COARSE)
+@pytest.mark.parametrize("case, wall, model", [
+    ("planar_shear", "natural", "ngf"), ("vertical_chute", "zero", "ngf"),
+    ("annular_shear", "local", "ngf"), ("annular_shear", "zero", "ngf"),
+    ("inclined_plane", "local", "ngf"), ("inclined_plane", "zero", "ngf_primitive")])
 def test_jacobian_with_walls_and_convection_is_the_derivative_of_the_residual(
         monkeypatch, case, wall, model):
     monkeypatch.setattr("pgran.space.weakform.BATCH", 10)  # several batches
@@ -479,7 +480,7 @@ def flow(tmp_path_factory):
     def steady(case, name="flow", *more, **given):
         if (case, name) not in made:
             path = tmp_path_factory.mktemp(case) / f"{name}.h5"
-            pgran(2, f"{case}.opts", path, *options(**given), *more)
+            pgran(0, f"{case}.opts", path, *options(**given), *more)
             made[case, name] = path
         return made[case, name]
 
@@ -556,7 +557,7 @@ def test_flow_from_rest_approaches_the_steady_one_at_the_rate_of_its_slowest_mod
     dt, path = 0.25, tmp_path / "rest.h5"
     given = {"model": "li", "inertia": "true", "height": 4, "slope": 24, "width": 0.5,
              "element_size": 0.25, "shear_modulus": 1e5}
-    pgran(1, "inclined_plane.opts", path, "-ts_type", "beuler",
+    pgran(0, "inclined_plane.opts", path, "-ts_type", "beuler",
           *options(end_time=25, snapshots="15,25", step_max=dt, **given))
     case = created(case="inclined_plane", law="jop", **given)
     with h5py.File(path) as file:
@@ -571,7 +572,7 @@ def test_flow_that_is_switched_off_stops_in_the_time_of_the_one_dimensional_prob
     path, slow = tmp_path / "stop.h5", 1e-3
     given = {"model": "li", "inertia": "true", "height": 4, "slope": 15, "width": 0.5,
              "element_size": 0.25, "shear_modulus": 1e5, "start": "flow"}
-    done = pgran(1, "inclined_plane.opts", path, "-ts_type", "beuler", "-ts_max_steps", 10000,
+    done = pgran(0, "inclined_plane.opts", path, "-ts_type", "beuler", "-ts_max_steps", 10000,
                  *options(end_time=20, step_max=0.02, rest_speed=slow, **given))
     case = created(case="inclined_plane", law="jop", **given)
     assert "the material rests" in done.stdout and "at rest at time" in done.stdout
@@ -598,7 +599,7 @@ def test_a_disturbance_decays_at_the_eigenvalue_of_its_mode(flow, tmp_path):
     rate = found[0]["computed"]
     assert rate < 0.0 and found[0]["residual"] < 1e-6
     dt = -0.02 / rate
-    pgran(2, "planar_shear.opts", path, "-ts_type", "beuler", *options(
+    pgran(0, "planar_shear.opts", path, "-ts_type", "beuler", *options(
         height=6, width=1, gravity=0.1, inertia="true", shear_modulus=1e7, seed=mode,
         seed_size=1e-3, step_first=dt, step_max=dt, step_error=1e3, end_time=50 * dt,
         snapshots=f"{10 * dt},{50 * dt}"))
@@ -615,7 +616,7 @@ def test_a_disturbance_decays_at_the_eigenvalue_of_its_mode(flow, tmp_path):
 def test_slope_without_length_has_the_slowest_mode_of_theory(flow):
     given = {"model": "li", "height": 4, "slope": 24, "width": 0.5, "element_size": 0.25}
     result = flow("inclined_plane", "li", **given)
-    found = json.loads(eigen(2, "-pgran_restart", result, "-json").stdout)
+    found = json.loads(eigen(0, "-pgran_restart", result, "-json").stdout)
     law = created(case="inclined_plane", law="jop", **given).law
     assert found[0]["computed"] == pytest.approx(
         profiles.slope_rate(law, 1.0, 0.6, 4.0, 24.0), rel=5e-3)
@@ -623,14 +624,14 @@ def test_slope_without_length_has_the_slowest_mode_of_theory(flow):
 
 def test_spectrum_about_a_specimen_is_that_of_its_linearised_step(tmp_path):
     path, mode = tmp_path / "specimen.h5", tmp_path / "mode.h5"
-    pgran(2, "direct.opts", path, *options(element_size=8, compression=0.005, snapshots="0.005"))
+    pgran(0, "direct.opts", path, *options(element_size=8, compression=0.005, snapshots="0.005"))
     about = "-pgran_restart", path, "-dt", 1e-4, "-eps_nev", 1
-    one, two = (json.loads(eigen(n, *about, "-json").stdout) for n in (1, 2))
+    one, two = (json.loads(eigen(n, *about, "-json").stdout) for n in (0, 2))
     assert one[0]["residual"] < 1e-4 and one[0]["computed"] > 1.0
     assert two[0]["computed"] == pytest.approx(one[0]["computed"], rel=1e-3)
-    eigen(2, *about, "-pgran_output", mode)
+    eigen(0, *about, "-pgran_output", mode)
     assert mode.with_suffix(".png").stat().st_size > 5000
-    refused(pgran(1, "direct.opts", tmp_path / "x.h5", *options(element_size=8, seed=mode),
+    refused(pgran(0, "direct.opts", tmp_path / "x.h5", *options(element_size=8, seed=mode),
                   check=False), "its mode is one of a mesh that has moved")
 
 
@@ -640,12 +641,12 @@ def test_layer_at_rest_becomes_unstable_at_its_stopping_height(side, tmp_path):
     t0, slope, path = 0.5, 25.0, tmp_path / "rest.h5"
     law = created(case="inclined_plane", law="jop").law
     height = side * profiles.stopping_height(law, 0.48, slope)
-    pgran(1, "inclined_plane.opts", path, "-ts_type", "beuler", *options(
+    pgran(0, "inclined_plane.opts", path, "-ts_type", "beuler", *options(
         model="ngf_primitive", relaxation_time=t0, start_fluidity=0, slope=slope,
         shear_modulus=1e5, height=height, element_size=height / 16, width=height / 8, end_time=1))
     with h5py.File(path) as file:
         assert np.abs(file["snapshots/0000/fluidity"][...]).max() == 0.0
-    found = json.loads(eigen(1, "-pgran_restart", path, "-json",
+    found = json.loads(eigen(0, "-pgran_restart", path, "-json",
                              "-pgran_steady_time", 0.01).stdout)
     stiffness = law.inverse_length_squared(np.array(np.tan(np.radians(slope))))[0]
     expected = (stiffness - (np.pi * 0.48 / (2.0 * height))**2) / t0

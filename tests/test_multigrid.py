@@ -180,7 +180,7 @@ def test_what_the_coarse_grid_for_all_fields_has_is_solved_exactly_and_leaks_not
 def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_few(tmp_path):
     """At L = 160 d, 25 instead of 40; at 40 d and 80 d they are 26 and 24 (docs/performance.md)."""
     shape, path = ("-pgran_width", 160, "-pgran_height", 480), tmp_path / "states.h5"
-    pgran(2, "biaxial.opts", path, *shape, "-pgran_element_size", 16, "-pgran_compression", 0.001,
+    pgran(0, "biaxial.opts", path, *shape, "-pgran_element_size", 16, "-pgran_compression", 0.001,
           "-pgran_snapshots", 0.001)
     found = {}
     for file, ranks in (("biaxial", 2), ("large", 1), ("large", 2)):
@@ -195,7 +195,7 @@ def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_f
 def test_iterations_with_a_coarse_grid_for_all_fields_converge_in_flows_and_need_blocks(tmp_path):
     flow = ("-options_file", ROOT / "options" / "flows_mg.opts", "-pgran_coarse_correction",
             "true", "-pgran_element_size", 1)
-    pgran(2, "planar_shear.opts", tmp_path / "x.h5", *flow, "-dm_mat_type", "nest")
+    pgran(0, "planar_shear.opts", tmp_path / "x.h5", *flow, "-dm_mat_type", "nest")
     with h5py.File(tmp_path / "x.h5") as file:
         assert file.attrs["complete"]
     done = pgran(2, "planar_shear.opts", tmp_path / "y.h5", *flow, check=False)
@@ -228,7 +228,8 @@ def states(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("snapshot", [1, 2, 3])
+@pytest.mark.parametrize("snapshot", [
+    pytest.param(1, marks=pytest.mark.nightly), pytest.param(2, marks=pytest.mark.nightly), 3])
 def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
     found = {}
     for size, ranks in ((2, 1), (2, 3), (1, 2)):
@@ -242,10 +243,13 @@ def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
     assert max(most) <= 1.15 * min(most), found
 
 
+@pytest.mark.parametrize("meshes", [
+    [(2, 1), (2, 3)], pytest.param([(1, 2)], marks=pytest.mark.nightly)],
+    ids=["two ranks counts", "finer mesh"])
 @pytest.mark.parametrize("snapshot, steps", [(0, "1e-8,1e-7,1e-6,1e-5,1e-4"),
                                              (2, "1e-8,1e-7,1e-6,1e-5,1e-4,1e-3")])
-def test_iterations_do_not_grow_with_inertia_at_any_step(states, snapshot, steps):
-    for size, ranks in ((2, 1), (2, 3), (1, 2)):
+def test_iterations_do_not_grow_with_inertia_at_any_step(states, snapshot, steps, meshes):
+    for size, ranks in meshes:
         done = run_ranks(ranks, "-m", "pgran.studies.systems", "-options_file",
                          ROOT / "options" / "biaxial.opts", "-from", states, "-snapshot", snapshot,
                          "-pgran_element_size", size, "-pgran_inertia", "true", "-dt", steps,

@@ -13,15 +13,12 @@ from pgran.output.reading import FORMAT, ResultError
 from pgran.output.result import numbers
 from pgran.pack import pack
 
-SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.001,
-         "-pgran_snapshots", "0.0005,0.001", "-pgran_progress", "quiet")
+SIZE = "-pgran_width", 8, "-pgran_height", 24
 
 
-@pytest.fixture(scope="module")
-def path(tmp_path_factory):
-    path = tmp_path_factory.mktemp("vtkhdf") / "small.h5"
-    run_pgran(2, "biaxial.opts", path, *SMALL)
-    return path
+@pytest.fixture
+def path(small_specimen):
+    return small_specimen
 
 
 def read(path):
@@ -178,8 +175,8 @@ def test_a_renamed_and_a_continued_file_are_whole(path, tmp_path):
     for checkpoint in path.parent.glob("small.checkpoint*"):
         shutil.copy(checkpoint, tmp_path / checkpoint.name.replace("small", "moved"))
     assert len(list(read(moved))) == 2
-    run_pgran(1, "biaxial.opts", moved, *SMALL[:4], "-pgran_restart", moved,
-              "-pgran_compression", 0.0012)
+    run_pgran(0, "biaxial.opts", moved, "-pgran_width", 8, "-pgran_height", 24, "-pgran_restart",
+              moved, "-pgran_compression", 0.0022)
     assert len(list(read(moved))) == 3
 
 
@@ -193,8 +190,8 @@ def test_a_run_that_goes_on_from_a_file_without_a_field_leaves_it_out_of_both(pa
         del file["cells"]
         for group in file["snapshots"].values():
             del group["spin"]
-    run_pgran(1, "biaxial.opts", older, *SMALL[:4], "-pgran_restart", older, "-pgran_compression",
-              0.0012, "-pgran_progress", "quiet")
+    run_pgran(1, "biaxial.opts", older, *SIZE, "-pgran_restart", older, "-pgran_compression",
+              0.0022, "-pgran_progress", "quiet")
     grids = [*read_xdmf(older), *read(older)]
     assert len(grids) == 6
     assert all("spin" not in grid.point_data and len(grid.point_data) == 10 for grid in grids)
@@ -226,8 +223,8 @@ def test_a_file_with_a_wrong_unit_has_the_right_one_once_a_run_goes_on(path, tmp
         shutil.copy(found, tmp_path / found.name.replace("small", "older"))
     with h5py.File(older, "r+") as file:
         file["history/energy_error"].attrs["unit"] = "|sigma_1| d^2"
-    run_pgran(1, "biaxial.opts", older, *SMALL[:4], "-pgran_restart", older, "-pgran_compression",
-              0.0012, "-pgran_progress", "quiet")
+    run_pgran(1, "biaxial.opts", older, *SIZE, "-pgran_restart", older, "-pgran_compression",
+              0.0022, "-pgran_progress", "quiet")
     assert pgran.open(older).history_units["energy_error"] == ""
 
 

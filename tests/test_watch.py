@@ -9,7 +9,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from conftest import pgran as run_pgran
+from conftest import allowed, pgran as run_pgran
 
 from pgran import watch
 from pgran.output import files, pace
@@ -119,4 +119,4 @@ def test_a_run_ends_with_the_commands_that_one_would_type_next(tmp_path):
     assert [command.split(" ", 1)[1] for command in last[:2]] == [
         f"-m pgran.plot {output}", f"-m pgran.measure {output}"]
     for command in last:
-        subprocess.run(shlex.split(command), check=True, timeout=60, capture_output=True)
+        subprocess.run(shlex.split(command), check=True, timeout=allowed(60), capture_output=True)

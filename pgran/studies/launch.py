@@ -30,8 +30,10 @@ IGNORED = ("output", "progress", "restart", "seed", "checkpoint_steps", "checkpo
            "picture_every")
 #: Seconds that a process has to end itself and its ranks.
 GRACE = 10.0
-#: What a user may choose for Open MPI: networks, and how processes prove who they are.
-NETWORK = "OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "PMIX_MCA_psec"
+#: What a user may choose for Open MPI: networks, how processes prove who they are, to which cores
+#: ranks are bound, and whether ranks that wait for a message give their core away.
+NETWORK = ("OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "PMIX_MCA_psec",
+           "OMPI_MCA_hwloc_base_binding_policy", "OMPI_MCA_mpi_yield_when_idle")
 #: Options of runs that only show errors.
 QUIET = "-pgran_progress", "quiet"
 
