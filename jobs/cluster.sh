@@ -35,21 +35,13 @@ shift 3
 [[ $system == slurm || $system == pbs ]] || usage "$system: allowed is slurm | pbs"
 [[ $ranks =~ ^[1-9][0-9]*$ ]] || usage "$ranks: allowed is a number of ranks"
 
-estimate() {  # hours and memory of a run with an options file and options
+estimate() {  # hours, memory and result file of a run with an options file and options
     local line
     line=$(PYTHONPATH="$home" "$python" -m pgran.budget -options_file "$1" -ranks "$ranks" "${@:2}") \
         || return 1
     echo "${line%%$'\n'*}" >&2
-    sed -n 's/^# Budget: [0-9]* ranks, \([0-9]*\) hours, \([0-9]*\) GB$/\1 \2/p' <<< "$line"
-}
-
-result() {  # the result file of a run with an options file and options
-    PYTHONPATH="$home" "$python" - "$@" <<'CODE'
-import sys
-from pathlib import Path
-from pgran.cli import given
-print(given(*sys.argv[1:]).get("pgran_output", f"results/{Path(sys.argv[1]).stem}.h5"))
-CODE
+    sed -n 's/^# Budget: [0-9]* ranks, \([0-9]*\) hours, \([0-9]*\) GB$/\1 \2/p;
+            s/^# Output: //p' <<< "$line" | paste -sd " "
 }
 
 hours=1 memory=$((2 * ranks)) array="" output="" name=pgran-$kind
@@ -57,8 +49,8 @@ case $kind in
     run | chain)
         (($#)) || usage "$kind: FILE.opts is missing"
         found=$(estimate "$@")
-        read -r hours memory <<< "$found"
-        output=$(result "$@")
+        read -r hours memory output <<< "$found"
+        [[ $output != results/pgran.h5 ]] || output=results/$(basename "$1" .opts).h5
         options=()
         for ((n = 1; n <= $#; n++)); do
             if [[ ${!n} == -pgran_output ]]; then n=$((n + 1)); else options+=("${!n}"); fi

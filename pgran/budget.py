@@ -76,7 +76,7 @@ def run(parameters, asked, solver):
           f"{'multigrid' if solver == 'fieldsplit' else 'MUMPS'}: some {found.newton:.0f} Newton "
           f"iterations, {pace.words(found.seconds)}, {found.memory / 1e9:.1f} GB\n"
           f"# Budget: {asked.ranks} ranks, {int(2.0 * hours) + 1} hours, "
-          f"{int(2.0 * found.memory / 1e9) + 1} GB")
+          f"{int(2.0 * found.memory / 1e9) + 1} GB\n# Output: {parameters.output}")
 
 
 def main(arguments):

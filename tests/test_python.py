@@ -161,7 +161,7 @@ def test_shipped_options_are_found():
 def live():
     """How many objects of PETSc and of the solver Python holds."""
     gc.collect()
-    return sum(type(thing).__module__.startswith(("petsc4py", "pgran.solve", "pgran.space"))
+    return sum(str(type(thing).__module__).startswith(("petsc4py", "pgran.solve", "pgran.space"))
                for thing in gc.get_objects())
 
 

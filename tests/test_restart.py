@@ -162,15 +162,17 @@ def test_a_run_that_has_come_to_rest_stays_there(tmp_path):
 
 def test_a_restart_after_an_error_begins_with_the_step_that_is_wanted(tmp_path):
     path = tmp_path / "run.h5"
-    more = (*SLOPE, 0.004, "-pgran_height", 6, "-pgran_model", "ngf_primitive")
-    done = pgran(0, "inclined_plane.opts", path, *more, "-pgran_step_min", 4e-4, check=False)
-    refused(done, "no step down to -pgran_step_min 0.0004 converges", "a larger -pgran_step_error")
+    more = *SMALL, "-pgran_step_first", 1.5e-4
+    done = pgran(0, "direct.opts", path, *more, "-pgran_step_min", 1e-4, check=False)
+    refused(done, "no step down to -pgran_step_min 0.0001 converges", "a larger -pgran_step_error")
+    steps = len(history(path)["time"])
+    assert steps
     with h5py.File(checkpoint.checkpoints_of(path)[0]) as file:
         wanted = file.attrs["wanted"]
         assert "repeat" not in file.attrs
-    pgran(0, "inclined_plane.opts", path, *more, "-pgran_step_error", 100, "-pgran_restart", path,
-          "-ts_max_steps", 1)
-    assert history(path)["step_size"][0] == wanted
+    pgran(0, "direct.opts", path, *more, "-pgran_step_error", 100, "-pgran_restart", path,
+          "-ts_max_steps", steps + 1)
+    assert history(path)["step_size"][steps] == wanted
 
 
 def test_a_checkpoint_of_an_earlier_version_goes_on(tmp_path):
