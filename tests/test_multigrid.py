@@ -177,6 +177,7 @@ def test_what_the_coarse_grid_for_all_fields_has_is_solved_exactly_and_leaks_not
     assert min(grown) < 80 * 8 * right.getLocalSize() / 10
 
 
+@pytest.mark.nightly
 def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_few(tmp_path):
     """At L = 160 d, 25 instead of 40; at 40 d and 80 d they are 26 and 24 (docs/performance.md)."""
     shape, path = ("-pgran_width", 160, "-pgran_height", 480), tmp_path / "states.h5"

@@ -399,6 +399,7 @@ print(launch.python(0, "-c", "import time; print('here', flush=True); time.sleep
         assert run.communicate(timeout=allowed(60))[0] == f"{STOPPED}\n"
 
 
+@pytest.mark.nightly
 def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(long, tmp_path):
     """The short form of jobs/kill.sh."""
     path, chance = tmp_path / "run.h5", random.Random(11)

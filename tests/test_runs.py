@@ -140,8 +140,9 @@ def test_terminal_says_what_is_solved_and_does_not_flood(biaxial):
 
 
 @pytest.mark.parametrize("file, counts, more", [
-    ("direct.opts", (0, 2), COARSE), ("biaxial.opts", (0, 3), ("-ts_max_steps", 24, *SMALL)),
-    ("direct.opts", (0, 3), ("-pgran_model", "li", "-pgran_shear_modulus", 200, *COARSE)),
+    ("direct.opts", (0, 2), COARSE), ("biaxial.opts", (0, 3), ("-ts_max_steps", 24, *COARSE)),
+    ("direct.opts", (0, 3), ("-pgran_model", "li", "-pgran_shear_modulus", 200, "-ts_max_steps",
+                             12, *COARSE)),
     ("direct.opts", (0, 3), ("-pgran_inertia", "true", "-pgran_law", "jop", *COARSE))],
     ids=["direct", "fieldsplit", "li", "inertia"])
 def test_fields_do_not_depend_on_the_ranks(tmp_path, file, counts, more):

@@ -323,6 +323,7 @@ def test_one_step_tells_what_it_costs(tiny):
         assert row["iterations"] > 0 and 0.0 < row["jacobian"] + row["evaluation"] < row["seconds"]
 
 
+@pytest.mark.nightly
 def test_finer_elements_bring_the_schur_complement_of_li_nearer_to_zero_in_flow(
         tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "BENCH", tmp_path)
@@ -349,6 +350,7 @@ def test_large_specimens_are_counted_with_both_coarse_grids(tmp_path, monkeypatc
         assert 10 < int(row[f"0.04 %, {solver}"]) < 30 and 10 < int(row[f"0.06 %, {solver}"]) < 30
 
 
+@pytest.mark.nightly
 def test_the_table_of_sensitivities_has_a_row_for_each_snapshot(tmp_path, monkeypatch):
     monkeypatch.setattr(sensitivity, "CASES", {"base": (), "Jop": ("-pgran_law", "jop"),
                                                "no": ("-pgran_step_min", 5e-3)})
@@ -380,6 +382,7 @@ def test_the_answer_is_held_to_limits(tmp_path, monkeypatch):
         verify.main(tmp_path, options=TINY)
 
 
+@pytest.mark.nightly
 def test_meshes_are_compared(tmp_path, monkeypatch):
     monkeypatch.setattr(meshes, "RESULTS", tmp_path)
     meshes.main("2 1", "2", options=TINY)
@@ -388,6 +391,7 @@ def test_meshes_are_compared(tmp_path, monkeypatch):
     assert 0.0 < float(row["over L2 norm (%)"]) < 5.0 and int(row["steps"]) > 3
 
 
+@pytest.mark.nightly
 def test_well_posed_and_ill_posed_laws_are_compared(tmp_path):
     posed.main("2 1", "0.003", tmp_path, options=SMALL)
     rows = table(tmp_path / "posed.csv")
@@ -397,6 +401,7 @@ def test_well_posed_and_ill_posed_laws_are_compared(tmp_path):
         assert float(second["I from"]) < float(second["I to"]) and second["bands"]
 
 
+@pytest.mark.nightly
 def test_forms_of_ngf_are_compared(tmp_path, monkeypatch):
     monkeypatch.setattr(primitive, "SHARES", (None, 1e-4))
     monkeypatch.setattr(primitive, "GROWTH", 0.01)  # too short for anything to grow
@@ -416,6 +421,7 @@ def test_forms_of_ngf_are_compared(tmp_path, monkeypatch):
     assert (tmp_path / "primitive.png").stat().st_size > 10000
 
 
+@pytest.mark.nightly
 def test_the_map_of_regimes_is_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(regime, "WIDTHS", (20,))
     monkeypatch.setattr(regime, "NUMBERS", (1e-3, 1e-1))
@@ -541,6 +547,7 @@ def test_flows_are_held_against_their_profiles(tmp_path, monkeypatch):
     assert (tmp_path / "flow_inclined_plane.png").stat().st_size > 20000
 
 
+@pytest.mark.nightly
 def test_rates_of_flows_are_those_of_the_nonlinear_solver(tmp_path, monkeypatch):
     monkeypatch.setattr(flow_spectra, "FLOWS", ((
         "slope", "inclined_plane", ("-pgran_height", 4,), "slope", (25,), (0.5, 0.25)),))
@@ -553,6 +560,7 @@ def test_rates_of_flows_are_those_of_the_nonlinear_solver(tmp_path, monkeypatch)
     assert [row["found to grow"] for row in table(tmp_path / "growth.csv")] == ["0", "0"]
 
 
+@pytest.mark.nightly
 def test_stopping_heights_agree_three_ways(tmp_path, monkeypatch):
     for name, value in (("SLOPES", (28,)), ("FLOWING", (1.01, 1.02)), ("ELEMENTS", 12),
                         ("FOLLOWED", (28,)), ("SHARES", (1.2,)), ("END", 300)):
