@@ -58,7 +58,7 @@ case "${1:-}" in
     setup) setup ;;
     run) setup; job ;;
     figures) setup; figures ;;
-    test) setup; shift; exec "$python" -m pytest -n 3 --dist loadfile --no-loadscope-reorder "$@" ;;
+    test) setup; shift; exec "$python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder "$@" ;;
     lint)
         setup
         $python -m ruff check .

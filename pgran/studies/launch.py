@@ -50,6 +50,8 @@ def command(ranks, *arguments):
     if ranks:
         count = [] if launcher and ranks == RANKS else ["-n", str(ranks)]
         line = [*(launcher or ["mpiexec"]), *count, *line]
+    else:
+        environment["OMPI_MCA_ess_singleton_isolated"] = "1"  # one rank needs no daemon of Open MPI
     home = str(Path(__file__).resolve().parents[2])
     environment.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
                        OMPI_MCA_rmaps_base_oversubscribe="1", OMP_NUM_THREADS="1",
