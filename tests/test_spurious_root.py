@@ -88,6 +88,22 @@ def test_the_root_at_the_yield_value_is_found_and_vanishes_with_a_limited_length
     assert sizes == pytest.approx([0.0, (mu - mu_s) * fluidity], abs=1e-9)
 
 
+def test_the_length_is_limited_close_to_a_free_surface_too():
+    """The source has a rule of its own there."""
+    form = discretised(case="inclined_plane", width=1, height=4, element_size=1)
+    grid, rate, decay = form.grid, 0.3, 0.2
+    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    local = grid.join(np.array([rate * x[1], 0.0 * x[1]]),
+                      np.full(grid.nodes.size, rate / form.material.law.mu_s),
+                      np.ones(grid.corners.size))
+    step = at_rest(form, x, 0.0)
+    step.prescribed[:] = np.nan
+    form.held[:] = False
+    step.decay = decay
+    defect = form.fluidity_defect(form.residual(local, np.zeros_like(local), step), step)
+    assert defect == pytest.approx(decay * rate / form.material.law.mu_s, rel=1e-6)
+
+
 def test_no_other_model_has_the_root():
     for model in ("ngf_primitive", "li"):
         form = discretised(element_size=20, imperfection=1, model=model)

@@ -772,10 +772,9 @@ class BatchPoints:
         self._material, self._law = form.material, form.laws[number]
         self.response = form.material.model.response(
             self._law, form.material.inverse_time(self.P), self.gdot, self.P, fluidity, theta)
-        if increment.decay and fluidity is not None:
-            source = self.response.source
-            source.value = source.value + increment.decay * fluidity
-            source.fluidity = source.fluidity + increment.decay
+        self.decay = increment.decay
+        if self.decay and fluidity is not None:
+            _add_decay(self.response.source, self.decay, fluidity)
 
     @property
     def nodal_x(self):
@@ -882,6 +881,12 @@ class WallPoints(RulePoints):
         self.value = form.material.model.lag(*self.arguments)
 
 
+def _add_decay(source, decay, g):
+    """Add ``decay`` times the fluidity ``g`` to a source F, a `Quantity`; see `Increment`."""
+    source.value = source.value + decay * g
+    source.fluidity = source.fluidity + decay
+
+
 class SurfacePoints(RulePoints):
     """The source F of the fluidity equation close to a free surface.
 
@@ -893,6 +898,8 @@ class SurfacePoints(RulePoints):
         super().__init__(form, p, rule, here, law, range(NODES))
         model = form.material.model
         self.value = model.source(*self.arguments)
+        if p.decay:
+            _add_decay(self.value, p.decay, self.arguments[-1])
         if defect is not None:
             self.value.rate = chord(self.value.rate, model.curvature(*self.arguments),
                                     -(rule.shape @ defect[p.nodes[:, here]]))
