@@ -9,6 +9,7 @@ the case, and times in 1/gdot0, the inverse of its reference shear rate.
 import difflib
 import functools
 import importlib
+import importlib.machinery
 import importlib.util
 import math
 import os
@@ -391,6 +392,14 @@ def _changed(target):
     return os.stat(target).st_mtime_ns if os.path.isfile(target) else None
 
 
+class _SourceLoader(importlib.machinery.SourceFileLoader):
+    """Reads a user's file as it is, and neither reads nor writes bytecode beside it."""
+
+    def get_code(self, fullname):
+        """Return the compiled source."""
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+
 @functools.cache
 def _module(target, changed):
     """Import a module by its dotted name, or from a file that was ``changed`` then."""
@@ -400,7 +409,7 @@ def _module(target, changed):
     if not path.is_file():
         raise FileNotFoundError("there is no such file")
     name = f"pgran_user_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(name, path, loader=_SourceLoader(name, str(path)))
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # so that dataclasses in the file find their module
     spec.loader.exec_module(module)

@@ -1,6 +1,8 @@
 """Every option is documented, and what is not in the tables stops the run before it starts."""
 
+import os
 import re
+import sys
 
 import pytest
 from conftest import ROOT, parameters, pgran, refused, run_ranks
@@ -234,3 +236,17 @@ def test_documented_examples_are_the_files_that_run():
         source = (ROOT / "docs" / "examples" / f"{name}.py").read_text()
         body = source[source.index("class "):]
         assert re.sub(r"\s+", " ", body) in re.sub(r"\s+", " ", page)
+
+
+def test_the_file_of_a_class_is_read_as_it_is_and_leaves_no_bytecode(tmp_path, monkeypatch):
+    """Bytecode of an earlier version of the same size and time would be taken for the file."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    path = tmp_path / "law.py"
+    found = []
+    for slope in "12":
+        path.write_text("from pgran.material.laws.bingham import Bingham\n\n\n"
+                        f"class Mine(Bingham):\n    slope = {slope}\n")
+        os.utime(path, ns=(10**18, 10**18 + int(slope)))  # within one second
+        found.append(parameters(law=f"{path}:Mine").part("law").slope)
+    assert found == [1, 2]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["law.py"]
