@@ -57,7 +57,7 @@ case $kind in
         done
         name+=-$(basename "$output" .h5)
         printf -v body ' %q' "$output" "${options[@]}"
-        body="\"\$PGRAN_PYTHON\" -m pgran.studies launch$body"
+        body="\"\$PGRAN_PYTHON\" -m pgran.runs.run_on_ranks$body"
         ;;
     sweep)
         (($# == 4)) || usage "sweep: SCRIPT.py POINTS HOURS MEMORY_GB are needed"

@@ -6,6 +6,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
 export OMPI_MCA_rmaps_base_oversubscribe=1  # more ranks than cores, if asked for
+export PYTHONPATH=$PWD/jobs${PYTHONPATH:+:$PYTHONPATH}  # of the studies
 python=${PGRAN_PYTHON:-.venv/bin/python}
 
 set_up() {

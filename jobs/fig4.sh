@@ -3,4 +3,4 @@
 # Elements of d/2 as in the paper; about 15 minutes on two cores, the run of figure 3 being there.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies section4 fig4 "$@"
+exec "$python" -m studies section4 fig4 "$@"

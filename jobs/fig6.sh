@@ -6,4 +6,4 @@
 # A minute on two cores, the run of figure 3 being there; d/4 takes half an hour more.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies section4 fig6 "$@"
+exec "$python" -m studies section4 fig6 "$@"

@@ -7,4 +7,4 @@
 # some six times as long.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies section4 fig7 "$@"
+exec "$python" -m studies section4 fig7 "$@"

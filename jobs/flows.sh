@@ -6,4 +6,4 @@
 # About ten minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies flows "$@"
+exec "$python" -m studies flows "$@"

@@ -6,4 +6,4 @@
 # About five minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies growth "$@"
+exec "$python" -m studies growth "$@"

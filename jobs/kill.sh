@@ -7,4 +7,4 @@
 # About 4 minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies kill "$@"
+exec "$python" -m studies kill "$@"

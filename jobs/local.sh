@@ -42,7 +42,7 @@ setup() {
 }
 
 job() {
-    "$python" -m pgran.studies launch results/biaxial.h5 options/biaxial.opts
+    "$python" -m pgran.runs.run_on_ranks results/biaxial.h5 options/biaxial.opts
     $python -m pgran.measure results/biaxial.h5
     [[ results/biaxial_0001.png -nt results/biaxial.h5 ]] \
         || $python -m pgran.plot results/biaxial.h5

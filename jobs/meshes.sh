@@ -6,4 +6,4 @@
 # About fifteen minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies meshes "$@"
+exec "$python" -m studies meshes "$@"

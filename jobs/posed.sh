@@ -6,4 +6,4 @@
 # About ten minutes on two cores, half of them for the law of Bingham on elements of d/2.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies posed "$@"
+exec "$python" -m studies posed "$@"

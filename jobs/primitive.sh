@@ -7,4 +7,4 @@
 # Some 15 minutes on two idle cores, two thirds of them at elements of d.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies primitive "$@"
+exec "$python" -m studies primitive "$@"

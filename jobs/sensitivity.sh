@@ -6,4 +6,4 @@
 # About ten minutes on two cores. Meshes are the matter of jobs/meshes.sh.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies sensitivity "$@"
+exec "$python" -m studies sensitivity "$@"

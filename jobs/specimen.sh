@@ -6,4 +6,4 @@
 # About a quarter of an hour on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies specimen "$@"
+exec "$python" -m studies specimen "$@"

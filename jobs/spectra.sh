@@ -7,4 +7,4 @@
 # An estimate: a quarter of an hour on two cores, most of it for the specimens of 320 d.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies spectra "$@"
+exec "$python" -m studies spectra "$@"

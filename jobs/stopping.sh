@@ -6,4 +6,4 @@
 # About three minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies stopping "$@"
+exec "$python" -m studies stopping "$@"

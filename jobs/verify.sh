@@ -7,4 +7,4 @@
 # About 3 minutes on two cores. It fails where the answer moves beyond its limits.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 set_up
-exec "$python" -m pgran.studies verify "$@"
+exec "$python" -m studies verify "$@"

@@ -11,7 +11,7 @@ __version__ = "0.2.0"
 def open(path):
     """Return the `pgran.output.result.Result` of a result file, which may still be written.
 
-    Raises `pgran.output.reading.ResultError` where it is none.
+    Raises `pgran.output.reader.ResultError` where it is none.
     """
     from .output.result import Result
 
@@ -19,18 +19,18 @@ def open(path):
 
 
 def run(output=None, **options):
-    """Run pgran and return its result, as `pgran.studies.sweep.run` says.
+    """Run pgran and return its result, as `pgran.runs.sweep.run` says.
 
     ``pgran.run(inertial_number=0.003)`` runs the specimen in this process, and with ``ranks=2`` on
     two ranks of its own.
     """
-    from .studies import sweep as runs
+    from .runs import sweep as runs
 
     return runs.run(output, **options)
 
 
 def sweep(parameters, **common):
-    """Run pgran for each point of {name: values}, as `pgran.studies.sweep.sweep` says."""
-    from .studies import sweep as runs
+    """Run pgran for each point of {name: values}, as `pgran.runs.sweep.sweep` says."""
+    from .runs import sweep as runs
 
     return runs.sweep(parameters, **common)

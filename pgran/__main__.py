@@ -20,7 +20,7 @@ from .signals import Signals
 ASKED = Signals() if __name__ == "__main__" else None  # before all that takes longer to import
 
 from .cli import (  # noqa: E402
-    all_come,
+    all_ranks_arrive,
     choose_solver,
     report_unread,
     solver_options,
@@ -51,7 +51,7 @@ def complete(texts, words=()):
     if "-pgran_restart" in words and "-pgran_output" not in words:
         texts = {name: text for name, text in texts.items() if name != "pgran_output"}
     from .options import ParameterError
-    from .output.reading import continued
+    from .output.reader import continued
 
     if number := texts.get("pgran_restart_snapshot"):
         raise ParameterError("restart_snapshot", number, "allowed only with @@ts_type pseudo; a "
@@ -92,8 +92,8 @@ class Run:
     """One run: its driver, its result file, its checkpoints and what it says. Collective."""
 
     def __init__(self, form, is_steady, asked):
-        from .output.results import BALANCE, HISTORY, Source, Writer
         from .output.terminal import Terminal
+        from .output.writer import BALANCE, HISTORY, Source, Writer
         from .solve import state
         from .solve.driver import Driver
 
@@ -111,7 +111,7 @@ class Run:
                                  behind["snapshots"])
             for text in damaged:
                 self.terminal.say(f"  passed over a damaged checkpoint, {text}")
-        elif self.parameters.seed:
+        elif self.parameters.mode_file:
             first = state.seeded(form)
         else:
             first = state.rest(form)
@@ -133,14 +133,14 @@ class Run:
         driver = self.driver
         try:
             self.terminal.opening(self.form, driver.ts)
-            if self.case.rests:
-                self.terminal.say(f"  {self.case.rests}")
+            if self.case.why_at_rest:
+                self.terminal.say(f"  {self.case.why_at_rest}")
             if self.source:
                 self.terminal.say(f"  goes on from {self.case.label(driver.state.time)}")
             try:
                 driver.solve()
             except (SolutionError, Interrupted) as error:
-                if not all_come(self.apart):
+                if not all_ranks_arrive(self.apart):
                     error.alone = True
                     raise
                 self.stop(isinstance(error, Interrupted))
@@ -189,7 +189,7 @@ class Run:
                 text = f"residual {residual:.2e}"
             else:
                 now, end = driver.state.time, self.case.targets[-1]
-                done = self.case.count(now) / self.case.count(end)
+                done = self.case.progress(now) / self.case.progress(end)
                 text = f"{self.case.label(now):>20}"
             self.terminal.step(driver.ts.getStepNumber(), done, text, report)
             if landed:
@@ -256,7 +256,7 @@ class Run:
         A run without an accepted step writes nothing, unless it is interrupted before its first
         time step: then it writes the checkpoint of its start.
         """
-        from .output.results import FAILED, STOPPED
+        from .output.writer import FAILED, STOPPED
 
         if not self.driver.started and (self.steady or not interrupted):
             return  # without an accepted step there is nothing to keep
@@ -269,7 +269,7 @@ class Run:
 
     def finish(self):
         """Write what remains to be written at the end, and say so."""
-        from .output.results import COMPLETE, STOPPED
+        from .output.writer import COMPLETE, STOPPED
 
         driver, terminal = self.driver, self.terminal
         self.begin()

@@ -42,7 +42,7 @@ FIRST_HELP = f"""Options of a run:
 docs/options.md explains them. -doctor checks this installation, and -version prints the version.
 PETSc's options (-ts_, -snes_, -ksp_, -pc_, -log_view, ...) hold too."""
 #: Errors that are told in one message; all ranks raise them together.
-TOLD = OptionError, ParameterError, SolutionError
+REPORTED_ERRORS = OptionError, ParameterError, SolutionError
 #: Exit code of a run that was asked to stop and can go on (EX_TEMPFAIL of sysexits.h).
 STOPPED = 75
 #: Seconds that the other ranks have to raise an error too, before it is taken for one rank's own.
@@ -110,7 +110,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
     Without options it prints what ``-help`` prints. Where PETSc has already been initialised in
     this process, its options are set aside meanwhile.
 
-    An error of `TOLD`, of PETSc or of memory that all ranks raise becomes one message of rank 0.
+    An error of `REPORTED_ERRORS`, of PETSc or of memory that all ranks raise becomes one message of rank 0.
     What strikes only some ranks ends them all.
 
     Parameters
@@ -185,7 +185,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
                 action(parameters, values, comm)
             return int(bool(rows) and sys.stdout.failed)  # its answer is lost; a run has its file
         except BaseException as error:
-            return _told(error, comm, apart, extreme(texts))
+            return report_error(error, comm, apart, extreme(texts))
 
 
 def petsc_runs():
@@ -238,7 +238,7 @@ def refuse_at_start(texts):
                               "in this process already; allowed in a process of its own")
 
 
-def _told(error, comm, apart, beyond):
+def report_error(error, comm, apart, beyond):
     """Report an error once; return the exit code. Ends all ranks if only some have met it.
 
     ``beyond`` are the options that were given with an `extreme` value, in words.
@@ -251,7 +251,7 @@ def _told(error, comm, apart, beyond):
         text = f"pgran: {error.as_option()}"
     elif isinstance(error, SolutionError) and beyond:
         text = f"pgran: error: {beyond}: {error.as_option().split(' What may help:')[0]}"
-    elif isinstance(error, TOLD):
+    elif isinstance(error, REPORTED_ERRORS):
         text = f"pgran: error: {error.as_option()}"
     elif isinstance(error, ArithmeticError) and beyond:
         text = f"pgran: error: {beyond} ({error.args[-1]})"
@@ -273,7 +273,7 @@ def end_unless_shared(error, apart, text):
 
     ``apart`` is an mpi4py communicator with no messages under way.
     """
-    if getattr(error, "alone", False) or not all_come(apart):
+    if getattr(error, "alone", False) or not all_ranks_arrive(apart):
         print(f"{text}\npgran: rank {apart.rank} failed and others did not; all are ended",
               file=sys.stderr, flush=True)
         apart.Abort(1)
@@ -311,7 +311,7 @@ def strict(texts):
     return np.errstate(over=how, divide=how, invalid=how)
 
 
-def all_come(comm):
+def all_ranks_arrive(comm):
     """Return whether all ranks come here within `TOGETHER` seconds.
 
     No other messages may be under way on the mpi4py communicator ``comm``. An error that is found
@@ -344,7 +344,7 @@ def _rows_for_help(texts):
         return cases.read({name: text for name, text in texts.items()
                            if name[len(options.PREFIX):] in {kind.name for kind in cases.KINDS}}
                           ).rows
-    except TOLD:
+    except REPORTED_ERRORS:
         return cases.read({}).rows
 
 
@@ -655,7 +655,7 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
         The command, for messages.
     action : callable
         ``action(own, operands)``, or ``action(parameters, own)`` with ``runs``. It may raise an
-        error of `TOLD`, ValueError or OSError, which become one message.
+        error of `REPORTED_ERRORS`, ValueError or OSError, which become one message.
     rows : tuple of pgran.options.Option
         The command's own options.
     operands : str
@@ -684,7 +684,7 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
             action(*((cases.read(texts), values) if runs else (values, found)))
         sys.stdout.flush()
         return int(sys.stdout.failed)
-    except TOLD as error:
+    except REPORTED_ERRORS as error:
         message = error.as_option()
     except (ValueError, OSError, KeyError) as error:
         message = str(error)

@@ -157,7 +157,7 @@ def _launcher(mpi):
     if not path:
         return Finding(False, "mpiexec: not on the path", "install the MPI that mpi4py was built "
                        "with, or start ranks as your cluster says (srun)")
-    from .studies.launch import command
+    from .runs.run_on_ranks import command
 
     line, environment = command(2, "-c", RANKS)
     try:

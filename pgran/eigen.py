@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from . import cases
-from .cli import JSON, TOLD, as_json, own, report_unread, start
+from .cli import JSON, REPORTED_ERRORS, as_json, own, report_unread, start
 from .options import OptionError
 
 ROWS = (
@@ -56,7 +56,7 @@ def complete(texts):
     ``texts`` and what is returned are {name: text}.
     """
     if texts.get("pgran_restart"):
-        from .output.reading import begun_from
+        from .output.reader import begun_from
 
         texts = begun_from(texts)
         path = Path(texts["pgran_restart"])
@@ -93,7 +93,7 @@ def run(parameters, asked, comm):
                              spectrum.spectrum(parameters, comm, k, asked.target))
         report_unread(comm)
     except ValueError as problem:
-        if isinstance(problem, TOLD):
+        if isinstance(problem, REPORTED_ERRORS):
             raise
         raise OptionError(f"-wave_vector: {problem}") from None
     if asked.json:

@@ -41,7 +41,7 @@ def run(parameters, asked, comm):
     if len(set(asked.dt)) < len(asked.dt):
         raise OptionError(f"-dt {','.join(f'{dt:g}' for dt in asked.dt)}: allowed are steps that "
                           "differ")
-    for name in ("restart", "seed"):
+    for name in ("restart", "mode_file"):
         if value := getattr(parameters, name):
             raise ParameterError(name, value, "the reference flow is linearised; allowed is none; "
                                  "pgran.eigen takes a snapshot")

@@ -13,7 +13,7 @@ import sys
 from .cli import JSON, answer, as_json, own
 from .options import OptionError, plain
 from .output import band
-from .output.reading import ResultError
+from .output.reader import ResultError
 from .output.result import Result
 
 #: Options of the mesh. They are allowed to differ between runs whose meshes are compared.
@@ -54,7 +54,7 @@ def problem(result):
     """Return what the last snapshot of a result shows, {name: value}, without its mesh."""
     if not result.snapshots:
         raise ResultError(result.path, "it holds 0 snapshots")
-    counted, parameters = result.case.counted_by, result.parameters
+    counted, parameters = result.case.progress_name, result.parameters
     found = {f"-{row.prefix}{row.name}": getattr(parameters, row.name) for row in parameters.rows
              if (row.shared or row.name in MATERIAL) and row.name not in MESH}
     found[counted] = round(float(result.snapshots[-1].attributes[counted]), DIGITS)

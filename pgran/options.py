@@ -217,7 +217,7 @@ def _part(name, default, folder, meaning, equation=""):
 
 
 #: A restart, and a mode that seeds a run, must have been made with the same value.
-BOTH = "restart", "seed"
+BOTH = "restart", "mode_file"
 
 #: The rows that every run has.
 RUN = (
@@ -227,7 +227,7 @@ RUN = (
           "gradient, which only the linear theory knows", "(2.3)-(2.8), (1.1), (5.1)"),
     _part("law", "bingham", "material.laws", "the local law mu_loc(I)", "(1.2), (1.3)"),
     Option("phi", "float", 0.6, "", "solid volume fraction; it matters only with inertia", "(2.2)",
-           low=0.0, high=1.0, open_low=True, shared=("seed",)),
+           low=0.0, high=1.0, open_low=True, shared=("mode_file",)),
     positive("inertial_number", 1e-3, "", "inertial number I0 of the reference flow; it sets how "
              "fast the flow is driven", "(1.1)", shared=BOTH),
     positive("shear_modulus", 1000.0, "stress", "elastic shear modulus G of the stiff Maxwell "
@@ -250,11 +250,11 @@ RUN = (
              "is also written at the end of a run, and when it is stopped", changeable=True),
     Option("picture_every", "int", None, "", "draw the inertial number after each of so many "
            "steps, NAME_step0040.png and so on; needs matplotlib", low=1, changeable=True),
-    Option("seed", "str", None, "", "file of a mode, as pgran.eigen writes it; the run starts from "
+    Option("mode_file", "str", None, "", "file of a mode, as pgran.eigen writes it; the run starts from "
            "the flow that the mode was found about, plus the mode: the reference flow, or a "
            "snapshot of a fixed mesh"),
-    positive("seed_size", 1e-3, "d gdot0", "largest velocity of that mode",
-             needs="seed"),
+    positive("mode_amplitude", 1e-3, "d gdot0", "largest velocity of that mode",
+             needs="mode_file"),
     positive("step_error", 0.25, "", "largest departure of a step from the extrapolation of the "
              "last two states: that of the velocity is taken relative to its departure from the "
              "reference flow, that of the stress deviator relative to the yield stress; a step "
@@ -263,7 +263,7 @@ RUN = (
              "the rate at which changes of the velocity grow",
              "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0), (r dt)^2",
              changeable=True),
-    positive("step_perturbation", 1e-3, "", "smallest departure from the reference flow that "
+    positive("step_min_deviation", 1e-3, "", "smallest departure from the reference flow that "
              "step_error resolves, relative to the largest velocity", changeable=True),
     positive("step_first", None, "1/gdot0", "first time step; a tenth of the time of elastic "
              "loading unless given", "mu_s P0/(10 G)", changeable=True),
@@ -272,11 +272,11 @@ RUN = (
              "it", changeable=True),
     Option("step_growth", "float", 1.5, "", "largest ratio of successive steps", low=1.0,
            open_low=True, changeable=True),
-    Option("tolerance_perturbation", "float", 0.0, "", "departure from the reference flow, over "
+    Option("tolerance_full_deviation", "float", 0.0, "", "departure from the reference flow, over "
            "its size, from which on -snes_atol holds; below it the tolerance of Newton's method is "
            "smaller in proportion, so that what it leaves stays small against what grows; 0 leaves "
            "it as it is", "max|v - v0|/max|v|", low=0.0, changeable=True),
-    positive("tolerance_least", 1e-3, "", "smallest share of -snes_atol that this comes to",
+    positive("tolerance_min_factor", 1e-3, "", "smallest share of -snes_atol that this comes to",
              changeable=True),
     Option("chord", "bool", True, "", "Newton's method takes the chord of F in place of its "
            "tangent near the double root of the fluidity equation", changeable=True),
@@ -335,7 +335,7 @@ def written(text):
 
 
 @dataclass(frozen=True)
-class Part:
+class Component:
     """A part of a problem that one option chooses: a case, a law or a model.
 
     It is a class that derives from ``base``. The option names it as a module of ``package``, as
@@ -434,7 +434,7 @@ def read(given, kinds, stored=False):
     ----------
     given : dict
         Texts by name. Names carry the prefix ``pgran_``; others are left to PETSc.
-    kinds : iterable of Part
+    kinds : iterable of Component
         Case, law and model. `pgran.cases.read` passes these.
     stored : bool
         Whether the options come from a result file: options of other parts are then left out.

@@ -13,7 +13,7 @@ from .cli import answer
 from .options import OptionError
 from .output import vtkhdf
 from .output.files import Draft
-from .output.reading import FORMAT, opened
+from .output.reader import FORMAT, opened
 from .output.snapshots import ordered
 
 

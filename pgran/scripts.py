@@ -10,7 +10,6 @@ def start(module):
 
 
 run = partial(start, "pgran")
-eigen, stability, growth, measure, plot, watch, pack, figures, budget, studies = (
+eigen, stability, growth, measure, plot, watch, pack, figures = (
     partial(start, f"pgran.{name}") for name in (
-        "eigen", "stability", "growth", "measure", "plot", "watch", "pack", "figures", "budget",
-        "studies"))
+        "eigen", "stability", "growth", "measure", "plot", "watch", "pack", "figures"))

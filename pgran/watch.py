@@ -14,7 +14,7 @@ import numpy as np
 
 from .cli import answer, own
 from .options import OptionError, not_among
-from .output import pace
+from .output import progress
 from .output.files import is_running
 from .output.result import Result
 
@@ -52,14 +52,14 @@ def ending(result, silence):
     """
     attributes = result.attributes
     if result.complete:
-        return f"complete after {pace.words(attributes['seconds'])}" if "seconds" in attributes \
+        return f"complete after {progress.words(attributes['seconds'])}" if "seconds" in attributes \
             else "complete"
     if attributes.get("state", "running") != "running":
         return attributes["state"]
     alive = is_running(str(attributes.get("process", "")))
     if alive is None:
         still = time.time() - os.path.getmtime(result.path)
-        return f"ended: its file has not changed for {pace.words(still)}" if still > silence \
+        return f"ended: its file has not changed for {progress.words(still)}" if still > silence \
             else None
     return None if alive else "killed: its process has ended"
 
@@ -80,13 +80,14 @@ def look(path, column, silence):
     ended = state is not None
     if not steps:
         return [*lines, f"  no step; {state}" if ended else "  no step yet"], ended
-    done = np.array([case.count(time) for time in history["time"]]) / case.count(case.targets[-1])
+    done = np.array([case.progress(time) for time in history["time"]]) / \
+                    case.progress(case.targets[-1])
     if not ended:
         spent = os.path.getmtime(path) - float(result.attributes.get("begun", "nan"))
-        work = pace.work(history)
-        more = pace.left(done, work) if done[-1] >= pace.EARLY else None
+        work = progress.work(history)
+        more = progress.left(done, work) if done[-1] >= progress.EARLY else None
         state = "under way" if more is None or not np.isfinite(spent) else (
-            f"{pace.words(spent)} so far, some {pace.words(spent * more / work[-1])} left")
+            f"{progress.words(spent)} so far, some {progress.words(spent * more / work[-1])} left")
     label = "steady flow" if result.steady else case.label(history["time"][-1])
     across, along = result.progress() if result.steady else ("time", history["time"])
     filled = 40 if result.complete else int(40 * min(float(done[-1]), 1.0))

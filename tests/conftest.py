@@ -5,6 +5,7 @@ import functools
 import json
 import os
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -22,10 +23,14 @@ os.environ.setdefault("PMIX_MCA_psec", "native")
 # message let the others compute.
 os.environ.setdefault("OMPI_MCA_hwloc_base_binding_policy", "none")
 os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
-petsc4py.init(["pgran-tests"])
-from pgran.studies import launch  # noqa: E402
-
 ROOT = Path(__file__).resolve().parent.parent
+# The studies are not installed.
+sys.path.insert(0, str(ROOT / "jobs"))
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    filter(None, (str(ROOT / "jobs"), os.environ.get("PYTHONPATH"))))
+petsc4py.init(["pgran-tests"])
+from pgran.runs import run_on_ranks  # noqa: E402
+
 #: Seconds that a command may take on an idle machine.
 LIMIT = 240.0
 #: Seconds that the fork server needs to start on an idle machine.
@@ -43,7 +48,7 @@ class ForkServer:
     """
 
     def __init__(self):
-        self.line, self.environment = launch.command(0, ROOT / "tests" / "forkserver.py")
+        self.line, self.environment = run_on_ranks.command(0, ROOT / "tests" / "forkserver.py")
         begin = time.monotonic()
         self.process = subprocess.Popen(self.line, env=self.environment, text=True,
                                         stdin=subprocess.PIPE, stdout=subprocess.PIPE)
@@ -52,7 +57,7 @@ class ForkServer:
 
     def serves(self, arguments):
         """Return whether a fork does the same as ``python arguments`` in a new process."""
-        line, environment = launch.command(0)
+        line, environment = run_on_ranks.command(0)
         return arguments[0] == "-m" and line[0] == self.line[0] and all(
             environment.get(name) == self.environment.get(name)
             for name in {*environment, *self.environment} if name.startswith("PYTHON"))
@@ -78,7 +83,7 @@ class ForkServer:
             output, errors = (Path(files) / name for name in ("output", "errors"))
             self.process.stdin.write(json.dumps({
                 "module": module, "arguments": list(map(str, arguments)), "folder": str(folder),
-                "environment": launch.command(0)[1], "output": str(output), "errors": str(errors),
+                "environment": run_on_ranks.command(0)[1], "output": str(output), "errors": str(errors),
                 "limit": limit * self.slowness}) + "\n")
             self.process.stdin.flush()
             code = json.loads(self.process.stdout.readline())["code"]
@@ -119,7 +124,7 @@ def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
     if not ranks and fork_server().serves(arguments):
         done = fork_server().run(*arguments[1:], limit=limit)
     else:
-        done = launch.python(ranks, *arguments, timeout=allowed(limit), check=False, text=True,
+        done = run_on_ranks.python(ranks, *arguments, timeout=allowed(limit), check=False, text=True,
                              cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     if check and done.returncode:
         raise AssertionError(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")

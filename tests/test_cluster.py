@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT, allowed
 
 from pgran.output.result import Result
-from pgran.studies import launch
+from pgran.runs import run_on_ranks
 
 #: A run of some two seconds.
 SMALL = ("-pgran_width", "8", "-pgran_height", "24", "-pgran_element_size", "2",
@@ -78,7 +78,7 @@ def test_a_chain_goes_on_until_it_is_finished_with_the_answer_of_one_run(folder)
     for name, text in (("qsub", "#!/bin/sh\necho again >> queued\n"), ("timeout", TIMEOUT)):
         (folder / name).write_text(text)
         (folder / name).chmod(0o755)
-    environment = {**launch.command(0)[1], "PGRAN_PYTHON": sys.executable,
+    environment = {**run_on_ranks.command(0)[1], "PGRAN_PYTHON": sys.executable,
                    "PBS_O_WORKDIR": str(folder), "PATH": f"{folder}:{os.environ['PATH']}"}
     for link in range(1, 20):
         done = subprocess.run(["bash", "pgran-chain-biaxial.pbs"], cwd=folder, env=environment,

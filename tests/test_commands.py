@@ -6,7 +6,7 @@ from conftest import ROOT, run_ranks
 import pgran
 
 COMMANDS = ("pgran", *(f"pgran.{name}" for name in (
-    "eigen", "growth", "stability", "measure", "plot", "watch", "figures", "budget", "studies")))
+    "eigen", "growth", "stability", "measure", "plot", "watch", "figures")))
 #: A run of three steps.
 SHORT = ("-options_file", str(ROOT / "options" / "direct.opts"), "-pgran_element_size", "20",
          "-pgran_compression", "0.0001")
@@ -58,12 +58,6 @@ def test_a_command_in_a_process_that_has_petsc_obeys_its_command_line(tmp_path):
         late.stderr)
 
 
-def test_a_budget_reads_options_that_follow_a_flag_of_petsc():
-    plain = run_ranks(0, "-m", "pgran.budget", "-pgran_element_size", "1", limit=60).stdout
-    assert run_ranks(0, "-m", "pgran.budget", "-snes_monitor", "-pgran_element_size", "1",
-                     limit=60).stdout == plain
-
-
 def test_a_restart_continues_in_its_own_file_unless_the_command_line_names_another(tmp_path):
     (tmp_path / "file.opts").write_text("".join(
         f"{name} {value}\n" for name, value in zip(SHORT[2::2], SHORT[3::2]))
@@ -91,7 +85,7 @@ def test_a_steady_run_from_a_snapshot_writes_the_output_of_its_options_file(tmp_
 
 
 def test_launch_refuses_another_result_file_than_its_own(tmp_path):
-    done = run_ranks(0, "-m", "pgran.studies", "launch", tmp_path / "a.h5", SHORT[1],
+    done = run_ranks(0, "-m", "pgran.runs.run_on_ranks", tmp_path / "a.h5", SHORT[1],
                      "-pgran_output", tmp_path / "b.h5", limit=60, check=False)
     assert done.returncode == 1 and not list(tmp_path.iterdir())
     assert f"-pgran_output {tmp_path}/b.h5: the result file of this run is {tmp_path}/a.h5" in (

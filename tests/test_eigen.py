@@ -195,7 +195,7 @@ def test_the_spectrum_about_a_snapshot_of_a_flowing_specimen_is_found_by_default
 
 def test_a_mode_has_a_default_file_that_is_not_the_result_of_a_run(tmp_path):
     from pgran.eigen import complete
-    from pgran.output.results import write_once
+    from pgran.output.writer import write_once
 
     assert complete({"pgran_case": "periodic"})["pgran_output"] == "results/periodic_ngf_mode.h5"
     assert complete({"pgran_output": "a.h5"})["pgran_output"] == "a.h5"

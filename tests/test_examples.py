@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT
 
 import pgran
-from pgran.studies import sweep
+from pgran.runs import sweep
 
 EXAMPLES = ROOT / "docs" / "examples"
 #: What makes the runs tiny, by example.

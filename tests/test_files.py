@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from conftest import discretised, pgran, refused, run_ranks
 
-from pgran.output import files, results, snapshots, vtkhdf
-from pgran.output.reading import ResultError, opened
+from pgran.output import files, snapshots, vtkhdf
+from pgran.output.reader import ResultError, opened
 from pgran.output.result import Result
-from pgran.output.results import Writer
+from pgran.output.writer import Source, Writer
 from pgran.pack import main as pack_main, pack
-from pgran.studies import launch
+from pgran.runs import run_on_ranks
 
 SMALL = "-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.0002
 
@@ -165,7 +165,7 @@ def test_a_continued_run_removes_only_its_own_files_and_reuses_no_name(tmp_path,
     stale = Result(path)
     for kept, last in ((2, 4), (2, 5)):
         writer = Writer(path, form)
-        writer.begin(results.Source(path, Result(path).run, 0, kept))
+        writer.begin(Source(path, Result(path).run, 0, kept))
         assert [entry.name for entry in snapshot_files(path)] == names[:2]
         writer.snapshot(7.0, fields(form, 7.0))
         writer.close()
@@ -180,7 +180,7 @@ def test_files_that_a_copy_of_the_result_links_to_are_kept(tmp_path, form):
     path = write(tmp_path / "run.h5", form, 2)
     shutil.copy(path, tmp_path / "copy.h5")
     writer = Writer(path, form)
-    writer.begin(results.Source(path, Result(path).run, 0, 1))
+    writer.begin(Source(path, Result(path).run, 0, 1))
     writer.close()
     assert len(Result(path).snapshots) == 1
     assert np.isfinite(Result(tmp_path / "copy.h5").snapshots[1]["pressure"]).all()
@@ -195,7 +195,7 @@ def test_a_run_goes_on_from_a_file_that_holds_its_snapshots(tmp_path, form):
         file.attrs["format"] = 3
     assert len(Result(old).snapshots) == 2 and Result(old).snapshots[0].target is None
     writer = Writer(old, form)
-    writer.begin(results.Source(old, Result(old).run, 0, 2))
+    writer.begin(Source(old, Result(old).run, 0, 2))
     writer.snapshot(2.0, fields(form, 2.0))
     writer.close()
     assert len(snapshot_files(old)) == 3 and not (tmp_path / "old.1.h5").exists()
@@ -310,13 +310,13 @@ def test_kill_ends_the_processes_of_a_run_and_no_others(tmp_path):
         try:
             assert run.stdout.readline() == "ready\n"
             found = []
-            launch.for_processes(run, found.append)
+            run_on_ranks.for_processes(run, found.append)
             assert len(found) == 2 and run.pid in found
-            launch.kill(run)
+            run_on_ranks.kill(run)
             run.wait(10)
             time.sleep(0.1)
             assert not any(files._process(number) for number in found)
             assert other.poll() is None
         finally:
             other.kill()
-            launch.kill(run)
+            run_on_ranks.kill(run)

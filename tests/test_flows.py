@@ -15,9 +15,9 @@ from petsc4py import PETSc
 
 from pgran import cases
 from pgran.options import ParameterError
-from pgran.output.reading import stored_parameters
-from pgran.output.results import write_once
-from pgran.solve.driver import Flow
+from pgran.output.reader import stored_parameters
+from pgran.output.writer import write_once
+from pgran.solve.driver import AcceptedStep
 from pgran.space import element
 from pgran.space.grid import Grid
 from pgran.space.weakform import WeakForm
@@ -131,7 +131,7 @@ def test_the_mean_velocity_of_a_graded_side_is_that_along_its_length(side):
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
     local = grid.join(np.array([x[1], x[1]**2]), np.ones(grid.nodes.size),
                       np.ones(grid.corners.size))
-    flow = Flow(form, 0.0, local, None, x)
+    flow = AcceptedStep(form, 0.0, local, None, x)
     np.testing.assert_allclose(flow.mean_velocity(side), [4.0, 64.0 / 3.0], rtol=1e-12)
 
 
@@ -139,7 +139,7 @@ def test_the_mean_velocity_includes_the_base_flow():
     grid = Grid(PETSc.COMM_WORLD, Streaming.shape)
     form = WeakForm(grid, Streaming(parameters()))
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    flow = Flow(form, 0.0, np.zeros(grid.n_local), None, x)
+    flow = AcceptedStep(form, 0.0, np.zeros(grid.n_local), None, x)
     corners = form.case.coordinates(*np.array([[0, 6, 0, 6], [0, 0, 4, 4]]))
     mean = Streaming.base_gradient @ corners.mean(axis=1)
     np.testing.assert_allclose(flow.mean_velocity(), mean, rtol=1e-12)
@@ -354,7 +354,7 @@ def test_stopping_heights_are_those_known(slope, height):
       "model": "ngf_primitive"}, "does not exceed H_stop = (pi/2) xi = 2.136 d")])
 def test_rest_is_said_where_rest_is_the_answer(given, words):
     case = created(**given)
-    assert words in case.rests and "rest" in case.rests
+    assert words in case.why_at_rest and "rest" in case.why_at_rest
     flowing = {"inclined_plane": {"slope": 26, "height": 3}, "vertical_chute": {"gravity": 0.05}}
     assert created(**{**given, **flowing[given["case"]]}).rests is None
 
@@ -600,8 +600,8 @@ def test_a_disturbance_decays_at_the_eigenvalue_of_its_mode(flow, tmp_path):
     assert rate < 0.0 and found[0]["residual"] < 1e-6
     dt = -0.02 / rate
     pgran(0, "planar_shear.opts", path, "-ts_type", "beuler", *options(
-        height=6, width=1, gravity=0.1, inertia="true", shear_modulus=1e7, seed=mode,
-        seed_size=1e-3, step_first=dt, step_max=dt, step_error=1e3, end_time=50 * dt,
+        height=6, width=1, gravity=0.1, inertia="true", shear_modulus=1e7, mode_file=mode,
+        mode_amplitude=1e-3, step_first=dt, step_max=dt, step_error=1e3, end_time=50 * dt,
         snapshots=f"{10 * dt},{50 * dt}"))
     with h5py.File(mode) as file, h5py.File(path) as run:
         assert file.attrs["growth_rate"] == pytest.approx(rate, rel=1e-6)
@@ -631,7 +631,7 @@ def test_spectrum_about_a_specimen_is_that_of_its_linearised_step(tmp_path):
     assert two[0]["computed"] == pytest.approx(one[0]["computed"], rel=1e-3)
     eigen(0, *about, "-pgran_output", mode)
     assert mode.with_suffix(".png").stat().st_size > 5000
-    refused(pgran(0, "direct.opts", tmp_path / "x.h5", *options(element_size=8, seed=mode),
+    refused(pgran(0, "direct.opts", tmp_path / "x.h5", *options(element_size=8, mode_file=mode),
                   check=False), "its mode is one of a mesh that has moved")
 
 

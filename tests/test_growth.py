@@ -10,9 +10,10 @@ from conftest import ROOT, discretised, parameters, refused, run_ranks
 
 from pgran import cases
 from pgran.options import SolutionError
+from pgran.runs import run_on_ranks
 from pgran.solve.linearised import LinearisedStep, extrapolated
-from pgran.studies import launch, specimen
 from pgran.theory.specimen import column_growth_rate, growth_rate
+from studies import specimen
 
 SMALL = "-pgran_element_size", 4
 
@@ -48,7 +49,7 @@ def test_nothing_grows_where_the_mesh_takes_no_part():
 
 
 def test_a_nonlinear_run_grows_as_the_linearised_step_says(tmp_path, monkeypatch):
-    monkeypatch.setattr(launch, "RANKS", 0)
+    monkeypatch.setattr(run_on_ranks, "RANKS", 0)
     found, time = specimen.measured(tmp_path / "run.h5", *SMALL, end=0.016)
     expected = undisturbed()[2.5e-4][0][0]
     assert found == pytest.approx(expected, rel=0.1)

@@ -8,7 +8,7 @@ import conftest
 import pytest
 from conftest import ForkServer, allowed, fork_server, run_ranks
 
-from pgran.studies import launch
+from pgran.runs import run_on_ranks
 
 COMMAND = """
 import os, sys
@@ -21,7 +21,7 @@ sys.exit(3)
 def test_a_command_in_a_fork_does_what_it_does_in_a_new_process(tmp_path, monkeypatch):
     (tmp_path / "command.py").write_text(COMMAND)
     monkeypatch.setenv("WORD", "one two")
-    line, environment = launch.command(0, "-m", "command", "a b", 4)
+    line, environment = run_on_ranks.command(0, "-m", "command", "a b", 4)
     new = subprocess.run(line, env=environment, cwd=tmp_path, stdin=subprocess.DEVNULL,
                          capture_output=True, text=True, check=False)
     fork = fork_server().run("command", "a b", 4, folder=tmp_path)

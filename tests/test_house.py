@@ -9,7 +9,7 @@ from conftest import ROOT
 PACKAGE = ROOT / "pgran"
 #: Each folder may import only from itself and from those before it; commands come last.
 ORDER = ["options", "material", "theory", "cases", "signals", "versions", "cli", "space", "output",
-         "solve", "studies"]
+         "solve", "runs"]
 FILES = sorted(path for path in PACKAGE.rglob("*.py"))
 
 
@@ -82,7 +82,7 @@ def test_the_specimen_is_known_in_its_own_file_only():
             names = {node.attr for node in ast.walk(ast.parse(path.read_text()))
                      if isinstance(node, ast.Attribute)}
             assert not words & (names | set(literals(path))), path
-    for name in ("results", "terminal", "band", "pictures"):
+    for name in ("writer", "terminal", "band", "pictures"):
         assert not words & set(literals(PACKAGE / "output" / f"{name}.py")), name
     assert not words & (set(literals(PACKAGE / "__main__.py")) | set(literals(PACKAGE / "cli.py")))
 

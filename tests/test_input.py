@@ -162,7 +162,7 @@ RUNS = {
     "square too large": (["-pgran_imperfection_size", "80"], "-pgran_imperfection_size 80"),
     "no square": (["-pgran_imperfection", "1", "-pgran_imperfection_mirrored", "1"],
                   "there is no weak square"),
-    "size without seed": (["-pgran_seed_size", "1"], "means nothing without -pgran_seed"),
+    "size without seed": (["-pgran_mode_amplitude", "1"], "means nothing without -pgran_mode_file"),
     "snapshot without restart": (["-pgran_restart_snapshot", "1"], "means nothing without"),
     "steps the wrong way": (["-pgran_step_min", "1"], "must lie below -pgran_step_max"),
     "first step too small": (["-pgran_step_first", "1e-9"], "-pgran_step_first 1e-09"),
@@ -217,8 +217,8 @@ RUNS = {
            "lost": "has no coordinates", "keep": "its 5 x 5 nodes are not"}.items()},
     "steady from no snapshot": (["-ts_type", "pseudo", "-pgran_restart", "keep.h5",
                                  "-pgran_restart_snapshot", "7"], "it holds 1 snapshots"),
-    "seed that is no mode": (["-pgran_seed", "keep.h5"], "it holds no mode"),
-    "seed that is text": (["-pgran_seed", "text.h5"], "-pgran_seed text.h5: it cannot be read"),
+    "seed that is no mode": (["-pgran_mode_file", "keep.h5"], "it holds no mode"),
+    "seed that is text": (["-pgran_mode_file", "text.h5"], "-pgran_mode_file text.h5: it cannot be read"),
     # PETSc
     "ts_type": (["-ts_type", "euler"], "-ts_type euler: allowed is beuler | pseudo"),
     "no steps": (["-ts_max_steps", "0"], "-ts_max_steps 0: allowed is an integer >= 1"),
@@ -270,7 +270,7 @@ COMMANDS = [
     ("growth", ["-dt", "0"], "-dt 0: allowed is"),
     ("growth", ["-dt", "1e3", *COARSE], "step of 1000/gdot0 (-dt) has changed"),
     ("growth", ["-dt", "1e-3,1e-3"], "-dt 0.001,0.001: allowed are steps that differ"),
-    ("studies.__main__", ["kill", "abc"], "abc: allowed is a number of kills"),
+
     ("growth", ["-without", "nosuch"], "-without nosuch: allowed is"),
     ("measure", [], ""),
     ("measure", ["nosuch.h5"], "there is no such file"),
@@ -367,7 +367,7 @@ def test_other_commands_refuse_what_they_cannot_read(server, folder, before, com
 
 
 @pytest.mark.parametrize("command", ["__main__", "eigen", "growth", "measure", "plot", "figures",
-                                     "stability", "studies.__main__", "watch", "budget"])
+                                     "stability", "watch"])
 def test_every_command_has_the_same_three_ways_to_ask_for_help(server, folder, command):
     texts = set()
     for flag in ("-help", "--help", "-h"):

@@ -2,12 +2,10 @@
 
 import configparser
 import importlib.util
-import json
 
-import pytest
 from conftest import ROOT, run_ranks
 
-from pgran import budget, doctor, scripts
+from pgran import doctor, scripts
 
 
 def setup_cfg():
@@ -61,42 +59,3 @@ def test_the_doctor_says_what_to_do(monkeypatch, capsys):
                  "install the MPI that mpi4py", "export PMIX_MCA_psec=native"):
         assert cure in text
     assert text.count("BAD") == 6
-
-
-#: Element size, options file, seconds on two ranks of two machines, and MB (docs/performance.md,
-#: docs/reproduction.md).
-RUNS = [(2, "biaxial", 5.6, 7.3, 251), (1, "biaxial", 21.3, 22.4, 370),
-        (0.5, "biaxial", 67.1, 67.1, 779), (0.25, "biaxial", 296.7, 296.7, 2370),
-        (2, "li", 10, 10, 256), (1, "li", 79, 79, 407), (0.5, "li", 357, 357, 1064),
-        (0.25, "li", 2413, 2413, 4082)]
-
-
-@pytest.mark.parametrize("size, name, fast, slow, memory", RUNS)
-def test_budgets_are_right_within_a_factor_of_two(size, name, fast, slow, memory, capsys):
-    assert budget.main(["-options_file", str(ROOT / "options" / f"{name}.opts"), "-json",
-                        "-pgran_element_size", str(size)]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert slow / 2.0 < found["seconds"] < fast * 2.0
-    assert memory / 2.0 < found["memory"] / 2**20 < memory * 2.0
-
-
-def test_budgets_of_other_cases_need_the_iterations(capsys):
-    given = ["-options_file", str(ROOT / "options" / "vertical_chute.opts")]
-    assert budget.main(given) == 1
-    assert "-newton: how many Newton iterations a run of vertical_chute" in capsys.readouterr().err
-    assert budget.main([*given, "-newton", "40", "-ranks", "4"]) == 0
-    assert "# Budget: 4 ranks, 1 hours" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("user, allowed, library, refuses", [
-    (0, False, "Open MPI v4.1.4", True), (0, True, "Open MPI v4.1.4", False),
-    (1000, False, "Open MPI v4.1.4", False), (0, False, "MPICH Version: 4.0", False)])
-def test_the_doctor_says_where_open_mpi_refuses_root(monkeypatch, user, allowed, library, refuses):
-    monkeypatch.setattr(doctor.os, "geteuid", lambda: user)
-    for name in doctor.ALLOW_ROOT:
-        monkeypatch.setenv(name, "1") if allowed else monkeypatch.delenv(name, raising=False)
-    mpi = {"library": library, "seconds": 0.1}
-    assert doctor.refuses_root(mpi) == refuses
-    if refuses:
-        finding = doctor._launcher(mpi)
-        assert not finding.good and "export OMPI_ALLOW_RUN_AS_ROOT=1" in finding.cure

@@ -9,7 +9,7 @@ from conftest import discretised, pgran
 from test_runs import snapshot
 
 from pgran.solve.state import State, TimeStep
-from pgran.studies.kill import SCALE_OF
+from studies.kill import SCALE_OF
 
 SMALL = "-pgran_element_size", 8, "-pgran_progress", "quiet", "-pgran_compression", 0.01
 

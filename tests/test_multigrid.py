@@ -16,7 +16,7 @@ from pgran.solve.state import rest
 from pgran.space.coarse import CoarseCorrection
 from pgran.space.galerkin import GalerkinMatrix, first_batches
 from pgran.space.multigrid import corner_level, node_level
-from pgran.space.schur import INERTIAL, PressureSchur
+from pgran.space.schur import INERTIAL, SchurPreconditioner
 
 
 def indices(level):
@@ -185,7 +185,7 @@ def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_f
           "-pgran_snapshots", 0.001)
     found = {}
     for file, ranks in (("biaxial", 2), ("large", 1), ("large", 2)):
-        done = run_ranks(ranks, "-m", "pgran.studies.systems", "-options_file",
+        done = run_ranks(ranks, "-m", "studies.systems", "-options_file",
                          ROOT / "options" / "biaxial.opts", "-options_file",
                          ROOT / "options" / f"{file}.opts", *shape, "-pgran_element_size", 4,
                          "-from", path, "-dt", "3e-4", "-ksp_rtol", 1e-6, "-ksp_max_it", 100)
@@ -211,7 +211,7 @@ def test_the_coarsest_grid_does_not_grow_with_the_specimen(width, depth):
     assert level.depth == depth
     for _ in range(depth):
         level = level.coarser()
-    assert np.prod(level.shape) <= form.case.most_coarse
+    assert np.prod(level.shape) <= form.case.max_coarse_elements
 
 
 def test_more_grids_than_elements_allow_are_refused(tmp_path):
@@ -234,7 +234,7 @@ def states(tmp_path_factory):
 def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
     found = {}
     for size, ranks in ((2, 1), (2, 3), (1, 2)):
-        done = run_ranks(ranks, "-m", "pgran.studies.one_step", "-options_file",
+        done = run_ranks(ranks, "-m", "studies.one_step", "-options_file",
                          ROOT / "options" / "biaxial.opts", "-from", states, "-snapshot", snapshot,
                          "-pgran_element_size", size, "-dt", 2e-4, "-ksp_rtol", 1e-6)
         found[size, ranks] = [row["iterations"] for row in json.loads(done.stdout)["newton"]]
@@ -251,7 +251,7 @@ def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
                                              (2, "1e-8,1e-7,1e-6,1e-5,1e-4,1e-3")])
 def test_iterations_do_not_grow_with_inertia_at_any_step(states, snapshot, steps, meshes):
     for size, ranks in meshes:
-        done = run_ranks(ranks, "-m", "pgran.studies.systems", "-options_file",
+        done = run_ranks(ranks, "-m", "studies.systems", "-options_file",
                          ROOT / "options" / "biaxial.opts", "-from", states, "-snapshot", snapshot,
                          "-pgran_element_size", size, "-pgran_inertia", "true", "-dt", steps,
                          "-ksp_rtol", 1e-6, "-ksp_max_it", 60)
@@ -264,7 +264,7 @@ def test_iterations_do_not_grow_with_inertia_at_any_step(states, snapshot, steps
 def test_the_pressure_has_no_flux_through_walls_and_is_zero_at_free_faces(case, more):
     """The Laplacian of a constant is zero but at free faces, and next to a held pressure."""
     form = discretised(case=case, inertia="true", **more)
-    state, jacobian, schur = rest(form), form.create_matrix(), PressureSchur(form)
+    state, jacobian, schur = rest(form), form.create_matrix(), SchurPreconditioner(form)
     increment = form.increment(state.x, state.stress, 0.5, 0.0)
     form.jacobian(state.local, 1e3, increment, jacobian)
     schur.fill(state.local, 1e3, increment, jacobian)

@@ -52,7 +52,7 @@ def test_names_that_others_rely_on_are_there():
      "of -pgran_b"),
     ({"pgran_imperfection": "1", "pgran_imperfection_mirrored": "true"},
      "-pgran_imperfection_mirrored True: there is no weak square with -pgran_imperfection 1"),
-    ({"pgran_seed_size": "0.1"}, "-pgran_seed_size 0.1: means nothing without -pgran_seed"),
+    ({"pgran_mode_amplitude": "0.1"}, "-pgran_mode_amplitude 0.1: means nothing without -pgran_mode_file"),
     ({"pgran_restart_snapshot": "0"}, "-pgran_restart_snapshot 0: means nothing without "
      "-pgran_restart"),
     ({"pgran_step_min": "1"}, "-pgran_step_min 1.0: must lie below -pgran_step_max 0.01"),
@@ -61,7 +61,7 @@ def test_names_that_others_rely_on_are_there():
     ({"pgran_law": "jop", "pgran_mu_2": "0.3"}, "-pgran_mu_2 0.3: must exceed"),
 ])
 def test_bad_input_names_the_option_its_value_and_what_is_allowed(given, message):
-    with pytest.raises(cli.TOLD) as caught:
+    with pytest.raises(cli.REPORTED_ERRORS) as caught:
         cases.read(given)
     assert message in caught.value.as_option()
 

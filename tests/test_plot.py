@@ -11,7 +11,7 @@ from conftest import run_ranks
 import pgran
 from pgran import plot, watch
 from pgran.output import pictures
-from pgran.output.reading import ResultError
+from pgran.output.reader import ResultError
 from pgran.output.result import QUANTITIES, Result, q2_elements
 
 

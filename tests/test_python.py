@@ -18,9 +18,9 @@ from conftest import run_ranks
 
 import pgran
 from pgran.options import Interrupted, OptionError, ParameterError, SolutionError
-from pgran.output.reading import ResultError
+from pgran.output.reader import ResultError
+from pgran.runs import sweep
 from pgran.signals import SIGNALS
-from pgran.studies import sweep
 
 SMALL = {"width": 8, "height": 24, "compression": 0.001}
 

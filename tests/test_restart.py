@@ -14,8 +14,8 @@ from test_runs import differences, snapshot
 from pgran import watch
 from pgran.output import checkpoint
 from pgran.output.result import Result
+from pgran.runs import run_on_ranks
 from pgran.solve import state
-from pgran.studies import launch
 
 #: A specimen that yields, in some twenty steps that take a second.
 SMALL = "-pgran_element_size", 8, "-pgran_compression", 0.008, "-pgran_progress", "quiet"
@@ -189,14 +189,14 @@ def test_a_checkpoint_of_an_earlier_version_goes_on(tmp_path):
 
 
 def test_a_seeded_run_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(launch, "RANKS", 0)
-    from pgran.studies import growth
+    monkeypatch.setattr(run_on_ranks, "RANKS", 0)
+    from studies import growth
 
     _, given = growth.eigenmode(tmp_path / "mode.h5", 4)
     paths = [tmp_path / f"{name}.h5" for name in ("whole", "run")]
     cell = [text for name in ("width", "height", "cell_elements")
             for text in (f"-pgran_{name}", given[f"pgran_{name}"])]
-    more = (*cell, "-pgran_inertia", "true", "-pgran_imperfection", 1, "-pgran_seed",
+    more = (*cell, "-pgran_inertia", "true", "-pgran_imperfection", 1, "-pgran_mode_file",
             tmp_path / "mode.h5", "-pgran_end_time", 0.002, "-ts_max_steps")
     pgran(0, "periodic.opts", paths[0], *more, 1000)
     pgran(0, "periodic.opts", paths[1], *more, 3)
@@ -306,7 +306,7 @@ sys.exit(main(sys.argv))
 
 def start(ranks, *arguments):
     """Start a run in the background, in its own group of processes."""
-    line, environment = launch.command(ranks, "-m", "pgran", *arguments)
+    line, environment = run_on_ranks.command(ranks, "-m", "pgran", *arguments)
     return subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.DEVNULL,
                             stderr=subprocess.PIPE, text=True, start_new_session=True)
 
@@ -369,9 +369,9 @@ def test_a_run_that_is_asked_to_stop_before_its_first_step_says_so(short, tmp_pa
 
 
 def test_launch_passes_a_signal_on_and_goes_on_later(long, tmp_path, monkeypatch):
-    monkeypatch.setattr(launch, "RANKS", 0)
+    monkeypatch.setattr(run_on_ranks, "RANKS", 0)
     path = tmp_path / "run.h5"
-    line, environment = launch.command(0, "-m", "pgran.studies", "launch", path,
+    line, environment = run_on_ranks.command(0, "-m", "pgran.runs.run_on_ranks", path,
                                        ROOT / "options" / "direct.opts", *map(str, LONG))
     with subprocess.Popen(line, env=environment, cwd=ROOT, stderr=subprocess.PIPE,
                           text=True) as run:
@@ -380,18 +380,18 @@ def test_launch_passes_a_signal_on_and_goes_on_later(long, tmp_path, monkeypatch
         errors = run.communicate(timeout=allowed(60))[1]
     assert run.returncode == STOPPED, errors
     before, = checkpoint.checkpoints_of(path)
-    launch.run(path, ROOT / "options" / "direct.opts", *LONG)  # the same command goes on
+    run_on_ranks.run(path, ROOT / "options" / "direct.opts", *LONG)  # the same command goes on
     same(long, path, 1e-7)
     assert not before.exists() or len(checkpoint.checkpoints_of(path)) == 2
 
 
 def test_ranks_that_a_signal_ends_before_they_can_note_it_count_as_stopped():
     code = """
-from pgran.studies import launch
-print(launch.python(0, "-c", "import time; print('here', flush=True); time.sleep(30)",
+from pgran.runs import run_on_ranks
+print(run_on_ranks.python(0, "-c", "import time; print('here', flush=True); time.sleep(30)",
                     check=False).returncode)
 """
-    line, environment = launch.command(0, "-c", code)
+    line, environment = run_on_ranks.command(0, "-c", code)
     with subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.PIPE,
                           text=True) as run:
         assert run.stdout.readline() == "here\n"
@@ -413,7 +413,7 @@ def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(long, tm
         run = start(ranks, *options, *again)
         wait_for(path, steps + 3)
         time.sleep(0.3 * chance.random())
-        launch.kill(run)
+        run_on_ranks.kill(run)
         run.communicate()
         with h5py.File(path) as file:  # whole, whatever happened
             assert len(file["history/time"]) >= steps
@@ -432,7 +432,7 @@ def test_history_is_on_the_disk_while_the_run_goes_on_and_readers_do_not_disturb
         seen = len(held["history/time"])
         wait_for(path, seen + 8)
         assert len(held["history/time"]) == seen
-        launch.kill(run)
+        run_on_ranks.kill(run)
         run.communicate()
     assert len(history(path)["time"]) >= seen + 8
     end = time.monotonic() + 20.0
@@ -499,7 +499,7 @@ def test_a_result_that_is_removed_while_it_is_written_ends_the_run(tmp_path):
     code = """
 import os, sys, petsc4py
 petsc4py.init(sys.argv)
-from pgran.output.results import Writer
+from pgran.output.writer import Writer
 from pgran.__main__ import main
 whole = Writer.record
 def record(self, **values):
@@ -533,7 +533,7 @@ sys.exit(main(sys.argv))
 
 def test_output_into_a_closed_pipe_does_not_end_a_run(tmp_path):
     path = tmp_path / "run.h5"
-    line, environment = launch.command(0, "-m", "pgran", "-options_file",
+    line, environment = run_on_ranks.command(0, "-m", "pgran", "-options_file",
                                        ROOT / "options" / "direct.opts", *map(str, SMALL),
                                        "-pgran_progress", "steps", "-pgran_compression", "0.002",
                                        "-pgran_output", path)
@@ -552,7 +552,7 @@ def test_output_into_a_closed_pipe_does_not_end_a_run(tmp_path):
     (">/dev/full 2>/dev/full", []), (">&-", []), (">&- 2>&- <&-", [])])
 def test_a_log_that_cannot_be_written_does_not_end_a_run(tmp_path, streams, told):
     path = tmp_path / "run.h5"
-    line, environment = launch.command(0, "-m", "pgran", "-options_file",
+    line, environment = run_on_ranks.command(0, "-m", "pgran", "-options_file",
                                        ROOT / "options" / "direct.opts", *SMALL,
                                        "-pgran_progress", "steps", "-pgran_compression", "0.001",
                                        "-ts_monitor", "-pgran_output", path)
@@ -564,7 +564,7 @@ def test_a_log_that_cannot_be_written_does_not_end_a_run(tmp_path, streams, told
 
 
 def test_an_answer_that_cannot_be_written_is_an_error(tmp_path):
-    line, environment = launch.command(0, "-m", "pgran.stability", "-cutoff")
+    line, environment = run_on_ranks.command(0, "-m", "pgran.stability", "-cutoff")
     with open("/dev/full", "w") as full:
         done = subprocess.run(line, env=environment, cwd=ROOT, stdout=full, stderr=subprocess.PIPE,
                               text=True, timeout=allowed(60))

@@ -10,15 +10,16 @@ from pgran.cases.biaxial import Biaxial
 from pgran.options import written
 from pgran.output import band
 from pgran.output.result import Result
-from pgran.output.results import HISTORY
-from pgran.studies import growth, launch
-from pgran.studies.kill import SCALE_OF
+from pgran.output.writer import HISTORY
+from pgran.runs import run_on_ranks
+from studies import growth
+from studies.kill import SCALE_OF
 
 SMALL = "-pgran_element_size", 4
 COARSE = "-pgran_element_size", 8
 #: Linear systems solved by options/biaxial.opts as exactly as MUMPS does.
 EXACT = ("-snes_atol", 1e-8, "-ksp_rtol", 1e-10, "-ksp_max_it", 300, "-ksp_gmres_restart", 300,
-         "-pgran_tolerance_perturbation", 0)
+         "-pgran_tolerance_full_deviation", 0)
 FIELDS = {"coordinates": 2, "velocity": 2, "deviator": 3, "fluidity": 0, "pressure": 0,
           "inertial_number": 0, "stress_ratio": 0, "stress_tensor": 3, "strain_rate_tensor": 3,
           "strain_tensor": 3, "spin": 0, "volume_change": 0}
@@ -362,7 +363,7 @@ def test_mirrored_imperfection_gives_the_mirrored_band(tmp_path):
 
 
 def test_an_eigenvector_grows_at_its_eigenvalue(tmp_path, monkeypatch):
-    monkeypatch.setattr(launch, "RANKS", 0)
+    monkeypatch.setattr(run_on_ranks, "RANKS", 0)
     rate, options = growth.eigenmode(tmp_path / "mode.h5", 8)
     growth.grow(tmp_path / "mode.h5", options, tmp_path / "growth.h5", 0.008, *growth.EXPONENTIAL)
     _, time, span = growth.history(tmp_path / "growth.h5")
@@ -370,9 +371,9 @@ def test_an_eigenvector_grows_at_its_eigenvalue(tmp_path, monkeypatch):
 
 
 def test_a_seed_of_another_cell_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(launch, "RANKS", 0)
+    monkeypatch.setattr(run_on_ranks, "RANKS", 0)
     growth.eigenmode(tmp_path / "mode.h5", 4)
-    done = pgran(2, "periodic.opts", tmp_path / "x.h5", "-pgran_seed", tmp_path / "mode.h5",
+    done = pgran(2, "periodic.opts", tmp_path / "x.h5", "-pgran_mode_file", tmp_path / "mode.h5",
                  "-pgran_cell_elements", 4, check=False)
     refused(done, "-pgran_width 40.0:", "mode.h5 was made with")
 

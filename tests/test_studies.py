@@ -17,13 +17,14 @@ from conftest import ROOT, allowed, discretised, parameters, run_ranks
 
 from pgran.options import OptionError, ParameterError, SolutionError
 from pgran.output import section4 as figures
-from pgran.studies import (
+from pgran.runs import run_on_ranks
+from pgran.theory.specimen import growth_rate
+from studies import (
     __main__,
     bench,
     flow_spectra,
     flows,
     growth,
-    launch,
     meshes,
     posed,
     primitive,
@@ -35,8 +36,7 @@ from pgran.studies import (
     stopping,
     verify,
 )
-from pgran.studies.table import Table, result_file
-from pgran.theory.specimen import growth_rate
+from studies.table import Table, result_file
 
 FILE = "options/biaxial.opts"
 SMALL = "-pgran_width", 8, "-pgran_height", 24
@@ -48,14 +48,14 @@ SCRIPTS = sorted(ROOT.glob("jobs/**/*.sh"))
 @pytest.fixture(autouse=True)
 def in_the_repository(monkeypatch):
     monkeypatch.chdir(ROOT)
-    monkeypatch.setattr(launch, "RANKS", 1)  # tiny runs are fastest so
+    monkeypatch.setattr(run_on_ranks, "RANKS", 1)  # tiny runs are fastest so
 
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
     """A result file of a tiny run."""
     path = tmp_path_factory.mktemp("studies") / "tiny.h5"
-    run_ranks(0, "-m", "pgran.studies", "launch", path, FILE, *TINY)
+    run_ranks(0, "-m", "pgran.runs.run_on_ranks", path, FILE, *TINY)
     return path
 
 
@@ -67,7 +67,7 @@ def table(path):
 def written_result(path, *options, complete=True):
     """Write the root attributes of a run with options."""
     with h5py.File(path, "w") as file:
-        file.attrs.update(options=launch.asked(FILE, *options).text(), complete=complete)
+        file.attrs.update(options=run_on_ranks.asked(FILE, *options).text(), complete=complete)
 
 
 # Which results are done
@@ -75,55 +75,56 @@ def written_result(path, *options, complete=True):
 
 def test_a_second_options_file_counts(tiny):
     options = "-options_file", ROOT / "options" / "large.opts", "-pgran_width", 8
-    found = launch.given(FILE, *options)
+    found = run_on_ranks.given(FILE, *options)
     assert found["pgran_coarse_correction"] == "true" and found["pgran_width"] == "8"
     assert "options_file" not in found and found["pc_type"] == "fieldsplit"
-    assert not launch.done(tiny, FILE, (*TINY, *options[:2]))
+    assert not run_on_ranks.done(tiny, FILE, (*TINY, *options[:2]))
 
 
 def test_a_result_is_done_only_with_the_options_asked_for(tiny):
-    assert launch.done(tiny, FILE, TINY)
+    assert run_on_ranks.done(tiny, FILE, TINY)
     for more in (("-pgran_shear_modulus", 100), ("-pgran_law", "jop"), ("-pgran_inertia", "true"),
                  ("-pgran_imperfection_size", 4), ("-pgran_snapshots", 0.0007)):
-        assert not launch.done(tiny, FILE, (*TINY, *more)), more
-    assert not launch.done(tiny, "options/li.opts", TINY)
-    assert not launch.done(tiny, FILE, (*TINY, "-snes_atol", 1e-7))
-    assert launch.done(tiny, FILE, (*TINY, "-snes_atol", "5e-4"))
+        assert not run_on_ranks.done(tiny, FILE, (*TINY, *more)), more
+    assert not run_on_ranks.done(tiny, "options/li.opts", TINY)
+    assert not run_on_ranks.done(tiny, FILE, (*TINY, "-snes_atol", 1e-7))
+    assert run_on_ranks.done(tiny, FILE, (*TINY, "-snes_atol", "5e-4"))
 
 
 def test_options_that_a_run_adds_by_itself_are_not_compared(tmp_path):
     file, path = tmp_path / "few.opts", tmp_path / "few.h5"
     file.write_text("-ts_type pseudo\n-pgran_element_size 20\n-pgran_progress quiet\n")
-    launch.run(path, file, ranks=1)
-    assert launch.done(path, file)
+    run_on_ranks.run(path, file, ranks=1)
+    assert run_on_ranks.done(path, file)
 
 
 def test_what_does_not_change_a_result_is_not_compared(tiny):
-    assert launch.done(tiny, FILE, (*TINY, *launch.QUIET, "-pgran_output", "elsewhere.h5"))
-    assert launch.done(tiny, FILE, (*TINY, "-pgran_width", "8.0", "-pgran_inertia", "no"))
+    assert run_on_ranks.done(tiny, FILE, (*TINY, *run_on_ranks.QUIET,
+                             "-pgran_output", "elsewhere.h5"))
+    assert run_on_ranks.done(tiny, FILE, (*TINY, "-pgran_width", "8.0", "-pgran_inertia", "no"))
 
 
 def test_an_incomplete_a_missing_or_a_broken_result_is_not_done(tmp_path):
     path = tmp_path / "x.h5"
-    assert not launch.done(path, FILE)
+    assert not run_on_ranks.done(path, FILE)
     written_result(path, complete=False)
-    assert not launch.done(path, FILE)
+    assert not run_on_ranks.done(path, FILE)
     written_result(path)
-    assert launch.done(path, FILE)
+    assert run_on_ranks.done(path, FILE)
     path.write_bytes(path.read_bytes()[:100])
-    assert not launch.done(path, FILE)
+    assert not run_on_ranks.done(path, FILE)
 
 
 def test_a_result_older_than_what_it_was_made_from_is_not_done(tmp_path):
     options, mode, path = (tmp_path / name for name in ("a.opts", "mode.h5", "x.h5"))
     shutil.copy(FILE, options)
     mode.write_text("")
-    given = "-pgran_seed", mode
+    given = "-pgran_mode_file", mode
     written_result(path, *given)
-    assert launch.done(path, options, given)
+    assert run_on_ranks.done(path, options, given)
     for newer in (options, mode):
         os.utime(newer, (2e9, 2e9))
-        assert not launch.done(path, options, given)
+        assert not run_on_ranks.done(path, options, given)
         os.utime(newer, (1e9, 1e9))
 
 
@@ -133,7 +134,7 @@ def test_a_changed_list_of_cases_repeats_the_runs_it_changes(tmp_path, monkeypat
     def pretend(ranks, *arguments, **more):
         path, options = arguments[-1], arguments[4:-2]
         made.append(result_file("", Path(path).stem).stem)
-        parameters = launch.asked(FILE, *options)
+        parameters = run_on_ranks.asked(FILE, *options)
         output[Path(path).stem] = parameters.shear_modulus
         with h5py.File(path, "w") as file:
             file.create_group("snapshots")
@@ -142,7 +143,7 @@ def test_a_changed_list_of_cases_repeats_the_runs_it_changes(tmp_path, monkeypat
                               seconds=4.0, memory=5.0)
         return SimpleNamespace(returncode=0)
 
-    monkeypatch.setattr(launch, "python", pretend)
+    monkeypatch.setattr(run_on_ranks, "python", pretend)
     monkeypatch.setattr(sensitivity.band, "measure", lambda path: [])
     monkeypatch.setattr(sensitivity, "CASES", {"soft": ("-pgran_shear_modulus", 100), "base": ()})
     sensitivity.main(tmp_path)
@@ -157,27 +158,27 @@ def test_options_files_are_read_as_petsc_reads_them(tmp_path):
     path = tmp_path / "a.opts"
     path.write_text("# don't read -pgran_width 5\n-pgran_width 20  # d\n-pgran_inertia\n"
                     "-snes_atol 1e-4\n-pgran_body_force -1e-3,-.5\n")
-    found = launch.asked(path, "-pgran_height", 40, "-pgran_width", 10, "-pgran_width", 8)
+    found = run_on_ranks.asked(path, "-pgran_height", 40, "-pgran_width", 10, "-pgran_width", 8)
     assert (found.width, found.height, found.inertia) == (8.0, 40.0, True)
     assert found.body_force == (-1e-3, -0.5)
     with pytest.raises(OptionError, match="there is no such file"):
-        launch.asked(tmp_path / "b.opts")
+        run_on_ranks.asked(tmp_path / "b.opts")
     with pytest.raises(ParameterError, match="whole multiple"):
-        launch.asked(path, "-pgran_element_size", 3)
+        run_on_ranks.asked(path, "-pgran_element_size", 3)
 
 
 def test_a_failed_run_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(launch, "python", lambda *_, **__: SimpleNamespace(returncode=1))
+    monkeypatch.setattr(run_on_ranks, "python", lambda *_, **__: SimpleNamespace(returncode=1))
     with pytest.raises(SolutionError, match="x.h5: the run ended with exit code 1"):
-        launch.run(tmp_path / "x.h5", FILE)
-    assert launch.run(tmp_path / "x.h5", FILE, needed=False) is None
+        run_on_ranks.run(tmp_path / "x.h5", FILE)
+    assert run_on_ranks.run(tmp_path / "x.h5", FILE, needed=False) is None
 
 
 @pytest.mark.parametrize("launcher, ranks, expected", [
     (None, 3, ["mpiexec", "-n", "3"]), (None, 0, []), ("srun", 2, ["srun"]),
     ("srun --mpi=pmix", 1, ["srun", "--mpi=pmix", "-n", "1"])])
 def test_the_environment_says_how_runs_start(monkeypatch, launcher, ranks, expected):
-    monkeypatch.setattr(launch, "RANKS", 2)
+    monkeypatch.setattr(run_on_ranks, "RANKS", 2)
     monkeypatch.setenv("PGRAN_PYTHON", "python9")
     monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "1")
     monkeypatch.setenv("OMPI_MCA_mpi_yield_when_idle", "1")
@@ -185,7 +186,7 @@ def test_the_environment_says_how_runs_start(monkeypatch, launcher, ranks, expec
     monkeypatch.delenv("PGRAN_LAUNCH", raising=False)
     if launcher:
         monkeypatch.setenv("PGRAN_LAUNCH", launcher)
-    command, environment = launch.command(ranks, "-m", "pgran", "-pgran_width", 8)
+    command, environment = run_on_ranks.command(ranks, "-m", "pgran", "-pgran_width", 8)
     assert command == [*expected, "python9", "-m", "pgran", "-pgran_width", "8"]
     assert ("OMPI_COMM_WORLD_RANK" in environment) == bool(launcher)
     assert environment["OMPI_MCA_mpi_yield_when_idle"] == "1"
@@ -198,7 +199,7 @@ def test_a_run_beyond_its_time_leaves_no_ranks_behind(tmp_path):
     code = (f"import os, time; open({str(path)!r}, 'a').write(f'{{os.getpid()}}\\n'); "
             "time.sleep(600)")
     with pytest.raises(subprocess.TimeoutExpired):
-        launch.python(2, "-c", code, timeout=allowed(3), stderr=subprocess.DEVNULL)
+        run_on_ranks.python(2, "-c", code, timeout=allowed(3), stderr=subprocess.DEVNULL)
     states = [Path(f"/proc/{pid}/stat") for pid in path.read_text().split()]
     assert len(states) == 2  # they are gone, or wait to be reaped
     assert all(not state.exists() or ") Z " in state.read_text() for state in states)
@@ -222,7 +223,7 @@ def test_studies_are_listed_and_unknown_ones_refused(capsys):
 
 
 def test_a_study_itself_starts_no_mpi_and_draws_nothing_at_once():
-    code = ("import sys; from pgran.studies import __main__\n"
+    code = ("import sys; from studies import __main__\n"
             "for name in __main__.STUDIES: __main__.load(name)\n"
             "print([name for name in ('petsc4py.PETSc', 'mpi4py.MPI', 'matplotlib') "
             "if name in sys.modules])")
@@ -276,7 +277,7 @@ def test_exponents_of_cost_are_recovered():
 
 def test_transfer_to_a_finer_mesh_is_exact_for_quadratic_fields(tmp_path):
     from pgran.space.element import SHAPE
-    from pgran.studies.transfer import interpolated
+    from studies.transfer import interpolated
 
     def fields(x1, x2):
         quadratic = 1.0 + x1 - x2 / 3.0 + (x1 * x2 - x1**2 * x2 + x1**2 * x2**2) / 50.0
@@ -454,7 +455,7 @@ def test_a_mode_is_computed_once(tmp_path, monkeypatch):
     path = tmp_path / "mode.h5"
     rate, settings = growth.eigenmode(path, 4)
     assert settings["pgran_cell_elements"] == "4" and rate > 0.0
-    monkeypatch.setattr(launch, "python", lambda *_: pytest.fail("it is there"))
+    monkeypatch.setattr(run_on_ranks, "python", lambda *_: pytest.fail("it is there"))
     assert growth.eigenmode(path, 4)[0] == rate
     with pytest.raises(pytest.fail.Exception):
         growth.eigenmode(path, 4, "-pgran_law", "jop")
@@ -488,8 +489,8 @@ def test_benches_make_their_tables(tmp_path, monkeypatch, capsys):
 
 def test_the_runs_of_a_figure_are_those_that_it_draws(monkeypatch):
     made = {}
-    monkeypatch.setattr(section4.launch, "run", lambda path, file, *options: made.update(
-        {path.stem: launch.asked(file, *options)}))
+    monkeypatch.setattr(section4.run_on_ranks, "run", lambda path, file, *options: made.update(
+        {path.stem: run_on_ranks.asked(file, *options)}))
     for figure, panels in figures.RUNS.items():
         made.clear()
         section4.runs(figure, figures.MESHES, ("-pgran_compression", 0.5))

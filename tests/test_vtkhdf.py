@@ -8,9 +8,10 @@ import pytest
 from conftest import ROOT, discretised, pgran as run_pgran, run_ranks
 
 import pgran
-from pgran.output import results, vtkhdf
-from pgran.output.reading import FORMAT, ResultError
+from pgran.output import vtkhdf
+from pgran.output.reader import FORMAT, ResultError
 from pgran.output.result import numbers
+from pgran.output.writer import Writer
 from pgran.pack import pack
 
 SIZE = "-pgran_width", 8, "-pgran_height", 24
@@ -235,7 +236,7 @@ def test_a_file_with_a_wrong_unit_has_the_right_one_once_a_run_goes_on(path, tmp
     (f"{ROOT}/docs/examples/planar_shear.py:PlanarShear", {"shear_stress": "P_w"})])
 def test_observables_have_their_units(tmp_path, case, units):
     form = discretised(case=case)
-    writer = results.Writer(tmp_path / "run.h5", form)
+    writer = Writer(tmp_path / "run.h5", form)
     writer.begin()
     writer.close()
     found = pgran.open(tmp_path / "run.h5").history_units
@@ -249,7 +250,7 @@ def test_older_formats_are_read_and_later_ones_are_refused(path, tmp_path):
         del file["VTKHDF"]
         file.attrs["format"] = 2
     assert len(pgran.open(old).snapshots) == 2
-    assert results.FORMAT == FORMAT == 4
+    assert FORMAT == FORMAT == 4
     with h5py.File(old, "r+") as file:
         file.attrs["format"] = FORMAT + 1
     with pytest.raises(ResultError, match="that of a later pgran"):

@@ -12,7 +12,7 @@ import pytest
 from conftest import allowed, pgran as run_pgran
 
 from pgran import watch
-from pgran.output import files, pace
+from pgran.output import files, progress
 from pgran.output.result import Result
 
 SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.002)
@@ -32,16 +32,17 @@ def test_the_time_left_is_right_within_a_factor_of_two_from_the_first_tenth_on(p
     done = np.linspace(0.0, 1.0, 200)[1:]**(1.0 / power)
     spent = 300.0 * done**power
     for count in range(np.searchsorted(done, 0.1) + 1, len(done)):
-        found, true = pace.left(done[:count], spent[:count]), spent[-1] - spent[count - 1]
+        found, true = progress.left(done[:count], spent[:count]), spent[-1] - spent[count - 1]
         assert 0.5 * true < found < 2.0 * true
 
 
 def test_before_three_steps_nobody_can_tell():
-    assert pace.left([0.1, 0.2], [1.0, 2.0]) is None and pace.left([0.2] * 4, [1.0] * 4) is None
+    assert progress.left([0.1, 0.2], [1.0, 2.0]) is None and progress.left(
+        [0.2] * 4, [1.0] * 4) is None
 
 
 def test_durations_are_words():
-    assert [pace.words(s) for s in (7.2, 600.0, 9000.0)] == ["7 s", "10 min", "2.5 h"]
+    assert [progress.words(s) for s in (7.2, 600.0, 9000.0)] == ["7 s", "10 min", "2.5 h"]
 
 
 def test_a_curve_of_text_has_its_points_and_scales():

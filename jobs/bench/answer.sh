@@ -8,4 +8,4 @@
 # Nothing else should run meanwhile.
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
 set_up
-exec "$python" -m pgran.studies bench answer "$@"
+exec "$python" -m studies bench answer "$@"

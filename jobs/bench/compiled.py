@@ -16,7 +16,7 @@ import time
 import numpy as np
 
 from pgran.cli import JSON, start
-from pgran.studies.one_step import ROWS
+from studies.one_step import ROWS
 
 
 def best(action, ranks, repeats=5):
@@ -106,7 +106,7 @@ def ours(parameters, comm, path, number):
     """Return the case, and seconds of pgran's Jacobian and residual at a state."""
     from pgran.solve.driver import matrix_type
     from pgran.space.weakform import discretise
-    from pgran.studies.transfer import interpolated
+    from studies.transfer import interpolated
 
     form = discretise(parameters, comm)
     state = interpolated(form, path, number)
@@ -122,7 +122,7 @@ def ours(parameters, comm, path, number):
 
 def action(parameters, asked, comm):
     """Answer the command line. Collective."""
-    from pgran.studies.one_step import one_step
+    from studies.one_step import one_step
 
     path, number = getattr(asked, "from"), asked.snapshot
     case, *mine = ours(parameters, comm, path, number)

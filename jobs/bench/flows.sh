@@ -7,4 +7,4 @@
 # An estimate: twenty minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
 set_up
-exec "$python" -m pgran.studies bench flows "$@"
+exec "$python" -m studies bench flows "$@"

@@ -8,4 +8,4 @@
 # (apt install python3-dolfinx-real).
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
 set_up
-exec "$python" -m pgran.studies bench guard "$@"
+exec "$python" -m studies bench guard "$@"

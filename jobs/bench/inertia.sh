@@ -7,4 +7,4 @@
 # The first system of seven steps from each of two states. About five minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
 set_up
-exec "$python" -m pgran.studies bench inertia "$@"
+exec "$python" -m studies bench inertia "$@"

@@ -7,4 +7,4 @@
 # One step from each of three states (0.3, 1.8 and 5 %). An estimate: five minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
 set_up
-exec "$python" -m pgran.studies bench iterations "$@"
+exec "$python" -m studies bench iterations "$@"

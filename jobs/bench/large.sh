@@ -7,4 +7,4 @@
 # Steps are those of the run after yielding. Widths up to 160 take three minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
 set_up
-exec "$python" -m pgran.studies bench large "$@"
+exec "$python" -m studies bench large "$@"

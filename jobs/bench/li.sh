@@ -7,4 +7,4 @@
 # Some three minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
 set_up
-exec "$python" -m pgran.studies bench li "$@"
+exec "$python" -m studies bench li "$@"

@@ -1,8 +1,8 @@
-"""Starts `pgran.studies.one_step`, which says what it does."""
+"""Starts `studies.one_step`, which says what it does."""
 
 import sys
 
-from pgran.studies.one_step import main
+from studies.one_step import main
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv))

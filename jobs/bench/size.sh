@@ -6,4 +6,4 @@
 # One step from the state at 10 % each. An estimate: three minutes on two cores.
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
 set_up
-exec "$python" -m pgran.studies bench size "$@"
+exec "$python" -m studies bench size "$@"

@@ -6,4 +6,4 @@
 # About twelve minutes on two cores, nine of them for four ranks.
 source "$(dirname "${BASH_SOURCE[0]}")/../common.sh"
 set_up
-exec "$python" -m pgran.studies bench weak "$@"
+exec "$python" -m studies bench weak "$@"

@@ -64,13 +64,13 @@ class Case(ABC):
     moving : bool
         Whether the mesh moves with the material. On a fixed mesh the flow rotates and advects the
         stress, and inertia contains the convective acceleration (v.grad) v.
-    coarsest : float
+    max_coarse_size : float
         Mean side over A d of the coarsest elements that multigrid may use. They resolve what
         couples velocity and fluidity over long distances: three are the shortest growing wavelength
         (k A d = 0.1226) unless a case says otherwise.
-    most_coarse : float
+    max_coarse_elements : float
         How many elements the coarsest grid may have, as every rank may have to factorise its
-        matrix. Beyond them it is coarsened further, whatever `coarsest` says.
+        matrix. Beyond them it is coarsened further, whatever `max_coarse_size` says.
     walls_of_local_fluidity : tuple of str
         Sides where g = g_loc takes the place of the fluidity equation. Their ends must be periodic.
     free_surfaces : tuple of str
@@ -88,23 +88,23 @@ class Case(ABC):
     observables : dict or tuple of str
         Names of the columns that `observe` adds to the history, as {name: unit}, where "stress" in
         a unit means that of the case; or the names alone, for pure numbers.
-    counted_by : str
+    progress_name : str
         What `count` returns; the attribute of a snapshot that says how far the run was.
     """
 
     rows = ()
     periodic = False, False
     moving = True
-    coarsest = 17.0
-    most_coarse = 300
+    max_coarse_size = 17.0
+    max_coarse_elements = 300
     base_gradient = np.zeros((2, 2))
     stress_unit = "stress"
     fluidity_source = None
     walls_of_local_fluidity = ()
     free_surfaces = ()
-    rests = None
+    why_at_rest = None
     observables = ()
-    counted_by = "time"
+    progress_name = "time"
 
     def __init_subclass__(cls, **more):
         super().__init_subclass__(**more)
@@ -283,7 +283,7 @@ class Case(ABC):
             return None
         return lambda x: np.reshape(force, (2,) + (1,) * (x.ndim - 1))
 
-    def misplaced(self, time, x, i, j):
+    def nodes_outside(self, time, x, i, j):
         """Return which nodes have left the domain, (n,) bool, and in words how; None if none can.
 
         ``x`` (2, n) are the nodes ``i``, ``j`` (n,) at a time.
@@ -315,18 +315,18 @@ class Case(ABC):
 
     # End and observables
 
-    def count(self, time):
-        """Return how far a run is at a time, in what `counted_by` names."""
+    def progress(self, time):
+        """Return how far a run is at a time, in what `progress_name` names."""
         return time
 
-    def time_at(self, count):
+    def time_of(self, count):
         """Return the time at which a count is reached; the inverse of `count`."""
         return count
 
     @property
     def targets(self):
         """Times to land on exactly, in increasing order; the last one ends the run."""
-        return [self.time_at(count) for count in self.parameters.snapshots]
+        return [self.time_of(count) for count in self.parameters.snapshots]
 
     def label(self, time):
         """Return how far a run is at a time, in words."""
@@ -335,14 +335,14 @@ class Case(ABC):
     def observe(self, flow):
         """Return the `observables` of an accepted step, {name: number}. Collective.
 
-        ``flow`` is a `pgran.solve.driver.Flow`. It has ``time``, ``reaction(side)``, the force (2,)
+        ``flow`` is a `pgran.solve.driver.AcceptedStep`. It has ``time``, ``reaction(side)``, the force (2,)
         on a side, ``torque(side)``, ``extent(side)``, the lengths (2,) of a side along x1 and x2,
         and ``mean_velocity(side)``, (2,).
         """
         return {}
 
 
-CASES = options.Part("case", __name__, Case)
+CASES = options.Component("case", __name__, Case)
 #: The parts of a problem, which bring their own options along.
 KINDS = CASES, LAWS, MODELS
 

@@ -46,8 +46,9 @@ class FixedMesh(Case):
     """
 
     moving = False
-    coarsest = 2.1  #: the fluidity decays over A d/sqrt(mu_s) = 1.6 A d from what drives the flow
-    most_coarse = np.inf
+    #: the fluidity decays over A d/sqrt(mu_s) = 1.6 A d from what drives the flow
+    max_coarse_size = 2.1
+    max_coarse_elements = np.inf
     walls = ()
 
     def start(self, x):

@@ -41,7 +41,7 @@ class Biaxial(PureShear):
                "written", low=0.0, high=1.0, open_low=True, open_high=True, changeable=True),
     )
     observables = {"compression": "", "top_stress": "stress"}
-    counted_by = "compression"
+    progress_name = "compression"
 
     @classmethod
     def resolve(cls, parameters, given):
@@ -108,9 +108,9 @@ class Biaxial(PureShear):
         values[1, j == 2 * self.shape[1]] = -0.5 * self.parameters.height * np.exp(-0.5 * time)
         return values
 
-    def misplaced(self, time, x, i, j):
+    def nodes_outside(self, time, x, i, j):
         """Return which nodes besides those of the plates lie on or beyond a plate, (n,) bool."""
-        top = self.parameters.height * (1.0 - self.count(time))
+        top = self.parameters.height * (1.0 - self.progress(time))
         free = (j > 0) & (j < 2 * self.shape[1])
         return free & ((x[1] <= 0.0) | (x[1] >= top)), "a free face reaches a plate"
 
@@ -137,19 +137,19 @@ class Biaxial(PureShear):
                 & (ny // 2 <= j) & (j < ny // 2 + self.weak_elements))
         return np.where(weak, self.parameters.imperfection, 1.0)
 
-    def count(self, time):
+    def progress(self, time):
         """Return the compression 1 - h/H, h = H exp(D2 t)."""
         return 1.0 - np.exp(-0.5 * time)
 
-    def time_at(self, count):
+    def time_of(self, count):
         """Return the time at which a compression is reached."""
         return -2.0 * np.log(1.0 - count)
 
     def label(self, time):
         """Return the compression in words."""
-        return f"{100 * self.count(time):.4g} % compression"
+        return f"{100 * self.progress(time):.4g} % compression"
 
     def observe(self, flow):
         """Return the compression 1 - h/H, and the mean normal stress on the plate, |sigma_1|."""
-        return {"compression": self.count(flow.time),
+        return {"compression": self.progress(flow.time),
                 "top_stress": flow.reaction("top")[1] / flow.extent("top")[0]}

@@ -1,4 +1,4 @@
-"""Flow down a rough inclined plane with a free surface.
+"""AcceptedStep down a rough inclined plane with a free surface.
 
     mpiexec -n 2 python -m pgran -options_file options/inclined_plane.opts
 
@@ -36,7 +36,7 @@ class InclinedPlane(_fixed.Layer):
                          lambda limit: np.degrees(np.arctan(limit)))
 
     @property
-    def rests(self):
+    def why_at_rest(self):
         """Why nothing flows, in words, or None."""
         p, limit = self.parameters, self.law.yield_ratio
         if np.tan(self._angle) <= limit:

@@ -1,4 +1,4 @@
-"""Flow between two vertical walls under gravity.
+"""AcceptedStep between two vertical walls under gravity.
 
     mpiexec -n 2 python -m pgran -options_file options/vertical_chute.opts
 
@@ -39,7 +39,7 @@ class VerticalChute(_fixed.FixedMesh):
         return 0.5 * self.parameters.gravity * self.parameters.width
 
     @property
-    def rests(self):
+    def why_at_rest(self):
         """Why nothing flows, in words, or None."""
         limit = self.law.yield_ratio
         if self.wall_ratio > limit:

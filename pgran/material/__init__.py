@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..options import Part
+from ..options import Component
 from .laws import Law
 from .models import Model
 
-LAWS = Part("law", "pgran.material.laws", Law)
-MODELS = Part("model", "pgran.material.models", Model)
+LAWS = Component("law", "pgran.material.laws", Law)
+MODELS = Component("model", "pgran.material.models", Model)
 
 
 @dataclass(frozen=True)

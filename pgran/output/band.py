@@ -21,10 +21,10 @@ from scipy.signal import find_peaks
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from .reading import field_of, opened
+from .reader import field_of, opened
 from .snapshots import ordered
 
-#: Flow is localised where half the maximum of I is exceeded on less than this share of the area ...
+#: AcceptedStep is localised where half the maximum of I is exceeded on less than this share of the area ...
 LOCALISED_AREA = 0.5
 #: ... and the calmest tenth of the area has less than this share of the maximum.
 CALM_RATIO = 0.25
@@ -377,7 +377,7 @@ def measure(path):
     These are the values of `band`, the attributes of the snapshot (``time``, ``label``, and what
     its case is counted by, such as ``compression``), ``inertial_number_min`` and
     ``inertial_number_max``.
-    Raises `pgran.output.reading.ResultError` where the file is not one of pgran's.
+    Raises `pgran.output.reader.ResultError` where the file is not one of pgran's.
     """
     found = []
     with opened(path, snapshots=1) as file:

@@ -14,7 +14,7 @@ FIELD = "inertial_number"
 def gathered(grid, fields):
     """Return nodal fields (ny, nx, ...) on rank 0 from those at local nodes; None elsewhere.
 
-    Collective. ``fields`` = {name: (..., n_local)}, as for `pgran.output.results.Writer.snapshot`.
+    Collective. ``fields`` = {name: (..., n_local)}, as for `pgran.output.writer.Writer.snapshot`.
     """
     lattice, comm = grid.nodes, grid.comm.tompi4py()
     whole = None if comm.rank else {

@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 
 from ..options import OptionError, not_among
-from .reading import ResultError
+from .reader import ResultError
 from .result import QUANTITIES, Result, cells
 
 matplotlib.rcParams["svg.fonttype"] = "none"  # text of an SVG stays text

@@ -18,7 +18,7 @@ from ..material.elasticity import strain_fields
 from ..options import PREFIX, ParameterError
 from ..space.element import GAUSS_TO_NODES, NODES, Geometry
 from . import band
-from .reading import ResultError, field_of, opened, stored_parameters
+from .reader import ResultError, field_of, opened, stored_parameters
 from .snapshots import linked
 
 #: Stands for the identifier of any run.
@@ -27,7 +27,7 @@ ANY = object()
 VTK_NODES = 0, 2, 8, 6, 1, 5, 7, 3, 4
 
 
-class Quantity(NamedTuple):
+class DerivedField(NamedTuple):
     """A field that a snapshot can give.
 
     ``symbol`` is for labels, in the mathematical notation of matplotlib; ``unit`` may name the
@@ -78,25 +78,25 @@ def _above_yield(snapshot):
 
 #: All quantities by name.
 QUANTITIES = {
-    "inertial_number": Quantity("I", "", "inertial number", _stored("inertial_number")),
-    "fluidity": Quantity("g", "gdot0", "fluidity", _stored("fluidity")),
-    "pressure": Quantity("P", "stress", "pressure", _stored("pressure")),
-    "stress_ratio": Quantity(r"\mu", "", "stress ratio tau/P", _stored("stress_ratio")),
-    "above_yield": Quantity(r"\mu - \mu_s", "", "distance to yield", _above_yield),
-    "speed": Quantity("|v|", "d gdot0", "size of the velocity", _speed),
-    "velocity_1": Quantity("v_1", "d gdot0", "velocity along x1", _part("velocity", 0)),
-    "velocity_2": Quantity("v_2", "d gdot0", "velocity along x2", _part("velocity", 1)),
-    "strain_rate": Quantity(r"\dot\gamma", "gdot0", "equivalent shear rate sqrt(2 D:D)",
+    "inertial_number": DerivedField("I", "", "inertial number", _stored("inertial_number")),
+    "fluidity": DerivedField("g", "gdot0", "fluidity", _stored("fluidity")),
+    "pressure": DerivedField("P", "stress", "pressure", _stored("pressure")),
+    "stress_ratio": DerivedField(r"\mu", "", "stress ratio tau/P", _stored("stress_ratio")),
+    "above_yield": DerivedField(r"\mu - \mu_s", "", "distance to yield", _above_yield),
+    "speed": DerivedField("|v|", "d gdot0", "size of the velocity", _speed),
+    "velocity_1": DerivedField("v_1", "d gdot0", "velocity along x1", _part("velocity", 0)),
+    "velocity_2": DerivedField("v_2", "d gdot0", "velocity along x2", _part("velocity", 1)),
+    "strain_rate": DerivedField(r"\dot\gamma", "gdot0", "equivalent shear rate sqrt(2 D:D)",
                             _strain_rate),
-    "spin": Quantity(r"\omega", "gdot0", "spin (d v2/d x1 - d v1/d x2)/2",
+    "spin": DerivedField(r"\omega", "gdot0", "spin (d v2/d x1 - d v1/d x2)/2",
                      lambda snapshot: snapshot.strain_field("spin")),
-    "strain": Quantity(r"\gamma", "", "equivalent shear strain since the start, ln(l1/l2) of the "
+    "strain": DerivedField(r"\gamma", "", "equivalent shear strain since the start, ln(l1/l2) of the "
                        "principal stretches", _strain),
-    "volume_change": Quantity("J - 1", "", "change of volume since the start",
+    "volume_change": DerivedField("J - 1", "", "change of volume since the start",
                               lambda snapshot: snapshot.strain_field("volume_change")),
-    "stress_11": Quantity(r"\sigma_{11}", "stress", "stress, tension positive", _stress(0, 1.0)),
-    "stress_22": Quantity(r"\sigma_{22}", "stress", "stress, tension positive", _stress(1, 1.0)),
-    "stress_12": Quantity(r"\sigma_{12}", "stress", "stress, tension positive", _stress(2, 0.0)),
+    "stress_11": DerivedField(r"\sigma_{11}", "stress", "stress, tension positive", _stress(0, 1.0)),
+    "stress_22": DerivedField(r"\sigma_{22}", "stress", "stress, tension positive", _stress(1, 1.0)),
+    "stress_12": DerivedField(r"\sigma_{12}", "stress", "stress, tension positive", _stress(2, 0.0)),
 }
 
 
@@ -189,7 +189,7 @@ class Result:
         """
         if self.steady:
             return "step", np.arange(1, len(self.history["time"]) + 1)
-        return self.case.counted_by, self.history[self.case.counted_by]
+        return self.case.progress_name, self.history[self.case.progress_name]
 
     @cached_property
     def case(self):

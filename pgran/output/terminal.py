@@ -8,7 +8,7 @@ import time
 from petsc4py import PETSc
 
 from .. import __version__
-from . import pace
+from . import progress
 
 
 class Terminal:
@@ -63,8 +63,8 @@ class Terminal:
         if self.detail == "brief" and mark == self._mark and now - self.last < 30.0:
             return
         self._mark, self.last = mark, now
-        seconds = pace.left(self._done, self._spent) if done >= pace.EARLY else None
-        left = "" if seconds is None else f"  {pace.words(seconds):>6} left"
+        seconds = progress.left(self._done, self._spent) if done >= progress.EARLY else None
+        left = "" if seconds is None else f"  {progress.words(seconds):>6} left"
         self.say(f"  {text}  step {number:4d}  dt {report['step_size']:.2e}  "
                  f"Newton {report['newton_iterations']:2d}  "
                  f"linear {report['linear_iterations']:4d}  "

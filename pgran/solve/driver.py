@@ -12,10 +12,10 @@ from ..options import Interrupted, OptionError, ParameterError, SolutionError
 from ..space import coarse, galerkin, multigrid
 from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
-from .balance import Balance
 from .controller import LEAST_SHARE, StepController
+from .energy import Balance
 from .failure import described, name_of
-from .state import TimeStep, unmoved, velocity
+from .state import TimeStep, frozen, velocity
 from .tolerances import Tolerances
 
 #: What a callback may raise on all ranks together.
@@ -33,7 +33,7 @@ def matrix_type():
     return kind
 
 
-class Flow:
+class AcceptedStep:
     """An accepted step as a case observes it, see `pgran.cases.Case.observe`.
 
     Attributes
@@ -147,7 +147,7 @@ class Driver:
         self.balance = None if steady else self._balance()
         self.ts = self._create_ts()
         self._tolerances = Tolerances(self.ts.getSNES(), 0.0 if self.steady else
-                                      parameters.tolerance_perturbation, parameters.tolerance_least)
+                                      parameters.tolerance_full_deviation, parameters.tolerance_min_factor)
         self._perturbation = self._behind.get("perturbation", 0.0)
 
     def _check_targets(self, targets):
@@ -401,7 +401,7 @@ class Driver:
         """Return the norm of the residual (2.9)-(2.11) of the present state without rates."""
         with np.errstate(invalid="ignore", divide="ignore"):
             rows = self.form.residual(self.state.local, np.zeros(self.grid.n_local),
-                                      unmoved(self.form, self.state))
+                                      frozen(self.form, self.state))
         return float(np.sqrt(self.comm.allreduce(rows @ rows)))
 
     def _predict(self, snes, u):
@@ -438,7 +438,7 @@ class Driver:
             return
         stress = self.form.stress(local, step.increment)
         if not self.steady:
-            departure = step.departure(local, stress, self.parameters.step_perturbation)
+            departure = step.departure(local, stress, self.parameters.step_min_deviation)
             smaller = self.controller.smaller(dt, departure.error)
             if smaller is not None:
                 self._failure = (f"the last step, of {dt:.3g}, departs {departure.error:.3g} from "
@@ -515,7 +515,7 @@ class Driver:
         if not (turned > 0.0).all():
             middle = state.x[:, elements[NODES // 2]]
             found = "an element is turned inside out", middle[:, np.argmin(turned)].tolist()
-        out = self.case.misplaced(state.time, state.x[:, owned], nodes.i[owned], nodes.j[owned])
+        out = self.case.nodes_outside(state.time, state.x[:, owned], nodes.i[owned], nodes.j[owned])
         if out is not None and found is None and out[0].any():
             found = out[1], state.x[:, owned][:, np.argmax(out[0])].tolist()
         found = [answer for answer in self.comm.allgather(found) if answer]
@@ -539,7 +539,7 @@ class Driver:
             "linear_iterations": snes.getLinearSolveIterations(),
             "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),
             "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX),
-            **self.case.observe(Flow(self.form, self.state.time, local, forces, increment.x))}
+            **self.case.observe(AcceptedStep(self.form, self.state.time, local, forces, increment.x))}
         if self.balance:
             self.balance.add(dt, *self.form.power(local, forces, increment))
             report.update(self.balance.report(*self.form.stored(

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from ..material.elasticity import COMPONENTS
 from ..options import PREFIX, SolutionError
-from ..output.results import write_once
+from ..output.writer import write_once
 from ..space.element import DIM, POINTS
 from ..space.weakform import discretise
 from . import state as states
@@ -217,8 +217,8 @@ def write_mode(path, form, rate, mode, option=("output", PREFIX)):
 
     Its largest displacement is 1 d. The fields are ``displacement`` (d), ``velocity`` (d gdot0),
     ``pressure`` and perhaps ``fluidity``, on a mesh that is displaced by at most `SHOWN`. ``rate``
-    is its growth rate, gdot0, and ``option`` names the file, as `pgran.output.results.Writer` has
-    it. Returns the `pgran.output.results.Writer` and the name of a field to be drawn.
+    is its growth rate, gdot0, and ``option`` names the file, as `pgran.output.writer.Writer` has
+    it. Returns the `pgran.output.writer.Writer` and the name of a field to be drawn.
     """
     grid = form.grid
     x = states.snapshot_start(form).x if form.case.parameters.restart else (

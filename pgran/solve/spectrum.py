@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..options import SolutionError
-from ..output.results import BASE, write_once
+from ..output.writer import BASE, write_once
 from ..space.element import DIM
 from ..space.weakform import discretise
 from ..theory import waves
@@ -83,7 +83,7 @@ def operators(parameters, comm):
     form = discretise(parameters, comm)
     if parameters.restart:
         start = state.snapshot_start(form)
-        increment = state.unmoved(form, start)
+        increment = state.frozen(form, start)
     else:
         start = state.reference(form)
         increment = form.increment(start.x, start.stress, 0.0, 0.0)
@@ -173,7 +173,7 @@ def unsteadiness(form):
     In stress d. A spectrum says how disturbances grow only if it is small. Collective.
     """
     start = state.snapshot_start(form)
-    rows = form.residual(start.local, np.zeros_like(start.local), state.unmoved(form, start))
+    rows = form.residual(start.local, np.zeros_like(start.local), state.frozen(form, start))
     return float(np.sqrt(form.grid.comm.tompi4py().allreduce(rows @ rows)))
 
 
@@ -268,7 +268,7 @@ def write_mode(path, form, rate, mode):
     """Write a mode (n_local,) as a result file; its largest velocity becomes 1. Collective.
 
     ``rate`` is its growth rate, gdot0. The flow of a snapshot that it was found about is written
-    beside it, so that a run can start from both. Returns the `pgran.output.results.Writer` and the
+    beside it, so that a run can start from both. Returns the `pgran.output.writer.Writer` and the
     name of a field to be drawn.
     """
     grid, case, comm = form.grid, form.case, form.grid.comm.tompi4py()

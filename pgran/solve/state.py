@@ -18,8 +18,8 @@ from ..material.elasticity import rotate, stress_rate
 from ..options import ParameterError
 from ..output import checkpoint
 from ..output.files import Disk
-from ..output.reading import opened
-from ..output.results import read_mode, read_snapshot
+from ..output.reader import opened
+from ..output.writer import read_mode, read_snapshot
 from ..space.advection import Advection
 from ..space.element import DIM, SHAPE
 
@@ -185,7 +185,7 @@ def seeded(form):
         If the mode does not fit.
     """
     mode, base = read_mode(form.case.parameters, form)
-    change = form.case.parameters.seed_size * _joined(form, mode)
+    change = form.case.parameters.mode_amplitude * _joined(form, mode)
     if base:
         return State(0.0, _initial_mesh(form), _joined(form, base) + change,
                      _at_points(form, base["deviator"]))
@@ -238,7 +238,7 @@ def snapshot_start(form):
                  _at_points(form, fields["deviator"]))
 
 
-def unmoved(form, state):
+def frozen(form, state):
     """Return the `Increment` in which a steady state stays as it is. Collective.
 
     The elastic element keeps the stress and bears what deforms within ``steady_time``, so that the

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from ..options import ParameterError
 from ..versions import set_schur_matrix
 from .element import Geometry
-from .schur import PressureSchur
+from .schur import SchurPreconditioner
 
 
 def field_shell(form):
@@ -45,7 +45,7 @@ def node_level(form, names):
               for part in grid.nodes.dm.getOwnershipRanges()]
     at = [np.arange(2 * n + 1.0) for n in grid.shape]
     level = NodeLevel(grid.comm, at, grid.periodic, starts, len(held), held.T.ravel())
-    few = np.ceil(np.log2(max(1.0, np.prod(grid.shape) / form.case.most_coarse)) / 2.0)
+    few = np.ceil(np.log2(max(1.0, np.prod(grid.shape) / form.case.max_coarse_elements)) / 2.0)
     level.depth = min(level.coarsenings, max(resolving(form), int(few)))
     return level
 
@@ -53,14 +53,14 @@ def node_level(form, names):
 def resolving(form):
     """Return how often elements can be joined in pairs until they just resolve what couples.
 
-    At least once. `pgran.cases.Case.coarsest` says how large they may be. Collective.
+    At least once. `pgran.cases.Case.max_coarse_size` says how large they may be. Collective.
     """
     grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
     area, = grid.comm.tompi4py().allreduce(form.integrals(
         np.empty((0, grid.nodes.size)), Geometry(x[:, grid.element_nodes])))
-    coarsest = form.case.coarsest * form.material.model.length
-    return max(1, int(np.floor(np.log2(coarsest * np.sqrt(np.prod(grid.shape) / area)))))
+    side = form.case.max_coarse_size * form.material.model.length
+    return max(1, int(np.floor(np.log2(side * np.sqrt(np.prod(grid.shape) / area)))))
 
 
 def corner_level(form):
@@ -75,14 +75,14 @@ def corner_level(form):
 def configure(ksp, form):
     """Hand PCFIELDSPLIT what ``-pc_fieldsplit_schur_precondition user`` asks for. Collective.
 
-    Returns a `PressureSchur` to fill, or None where the options ask for something else.
+    Returns a `SchurPreconditioner` to fill, or None where the options ask for something else.
     """
     pc = ksp.getPC()
     prefix = pc.getOptionsPrefix() or ""
     asked = PETSc.Options().getString(f"{prefix}pc_fieldsplit_schur_precondition", "")
     if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
         return None
-    schur = PressureSchur(form)
+    schur = SchurPreconditioner(form)
     set_schur_matrix(pc, schur.viscous)
     return schur
 

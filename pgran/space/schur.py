@@ -12,7 +12,7 @@ flux where it is held. Options choose this preconditioner, and how each part is 
 
     -pc_fieldsplit_schur_precondition user
     -fieldsplit_pressure_pc_type python
-    -fieldsplit_pressure_pc_python_type pgran.space.schur.BothEnds
+    -fieldsplit_pressure_pc_python_type pgran.space.schur.CahouetChabard
     -fieldsplit_pressure_viscous_pc_type sor
     -fieldsplit_pressure_inertial_pc_type gamg
 
@@ -26,7 +26,7 @@ from petsc4py import PETSc
 INERTIAL = "pgran_inertial"
 
 
-class PressureSchur:
+class SchurPreconditioner:
     """The matrices -M and -L of a form. Making and filling them is collective.
 
     Parameters
@@ -83,7 +83,7 @@ class PressureSchur:
                 for columns in (self._velocity, self._pressure))
 
 
-class BothEnds:
+class CahouetChabard:
     """-(M^-1 + L^-1) as a PC of type python, whose parts have options of their own. Collective."""
 
     def setFromOptions(self, pc):

@@ -21,7 +21,7 @@ from petsc4py import PETSc
 
 from .. import cases
 from ..material.elasticity import COMPONENTS, strain_fields
-from ..material.models import Quantity
+from ..material.models import WithDerivatives
 from ..options import ParameterError
 from . import element
 from .chord import chord
@@ -806,16 +806,16 @@ class BatchPoints:
             self._law, self.response.stress_ratio, self.response.inertial_number)
 
     def stress_ratio_slopes(self):
-        """Return mu = viscosity gdot~/P and its derivatives, a `Quantity` of arrays (points, n)."""
+        """Return mu = viscosity gdot~/P and its derivatives, a `WithDerivatives` of arrays (points, n)."""
         viscosity, mu = self.response.viscosity, self.response.stress_ratio
-        return Quantity(mu, rate=(viscosity.value + viscosity.rate * self.gdot) / self.P,
+        return WithDerivatives(mu, rate=(viscosity.value + viscosity.rate * self.gdot) / self.P,
                         pressure=(viscosity.pressure * self.gdot - mu) / self.P,
                         fluidity=viscosity.fluidity * self.gdot / self.P)
 
     def chord_source(self, defect):
         """Return F with the slope in mu of the `chord` over which F falls by the ``defect``.
 
-        A `Quantity` in gdot0, as `Response` has it; the ``defect`` (points, n) in gdot0.
+        A `WithDerivatives` in gdot0, as `Response` has it; the ``defect`` (points, n) in gdot0.
         """
         source, mu = self.response.source, self.stress_ratio_slopes()
         slope = source.rate / mu.rate
@@ -823,7 +823,7 @@ class BatchPoints:
             self._law, self._material.inverse_time(self.P), mu.value, self.P,
             self.response.fluidity)
         change = chord(slope, curvature, -defect) - slope
-        return Quantity(source.value, *(
+        return WithDerivatives(source.value, *(
             getattr(source, name) + change * getattr(mu, name)
             for name in ("rate", "pressure", "fluidity")))
 
@@ -856,7 +856,7 @@ class RulePoints:
         Positive weights.
     arguments : tuple
         The law, s, mu, P and g at the points, as a model takes them.
-    value : pgran.material.models.Quantity
+    value : pgran.material.models.WithDerivatives
         What is integrated, (rule points, m), with its derivatives with respect to mu, P and g.
     """
 
@@ -878,11 +878,11 @@ class WallPoints(RulePoints):
 
     def __init__(self, form, p, side, here, law):
         super().__init__(form, p, element.SIDES[side], here, law, element.SIDE_NODES[side])
-        self.value = form.material.model.lag(*self.arguments)
+        self.value = form.material.model.fluidity_excess(*self.arguments)
 
 
 def _add_decay(source, decay, g):
-    """Add ``decay`` times the fluidity ``g`` to a source F, a `Quantity`; see `Increment`."""
+    """Add ``decay`` times the fluidity ``g`` to a source F, a `WithDerivatives`; see `Increment`."""
     source.value = source.value + decay * g
     source.fluidity = source.fluidity + decay
 

@@ -87,7 +87,7 @@ class Panels:
 
 
 @dataclass
-class Flow:
+class StressProfile:
     """What is known of a flow before its fluidity.
 
     Attributes
@@ -136,7 +136,7 @@ class Profile:
     panels: Panels
     g: np.ndarray
     v: np.ndarray
-    flow: Flow
+    flow: StressProfile
     constant: object
     error: float
 
@@ -336,7 +336,7 @@ def planar_shear(law, model, A, I0, height, gravity=0.0, wall="natural"):
     """Return the `Profile` of planar shear; its constant is tau_w. See `pgran.cases`."""
     def make(tau):
         cuts = [height - (tau / law.yield_ratio - 1.0) / gravity] if gravity else []
-        return Flow(lambda x: tau / (1.0 + gravity * (height - x)),
+        return StressProfile(lambda x: tau / (1.0 + gravity * (height - x)),
                     lambda x: 1.0 + gravity * (height - x),
                     split(0.0, height, cuts), (True, True), wall)
 
@@ -349,7 +349,7 @@ def vertical_chute(law, model, A, I0, width, gravity, wall="natural"):
     reach = law.yield_ratio / gravity
     cuts = [width / 2.0 - reach, width / 2.0, width / 2.0 + reach]
     # Downward speed: positive rate on the left, negative on the right.
-    flow = Flow(lambda x: gravity * (width / 2.0 - x), np.ones_like,
+    flow = StressProfile(lambda x: gravity * (width / 2.0 - x), np.ones_like,
                 split(0.0, width, cuts), (True, True), wall)
     rheology = _Chute(law, model, A, I0)
     return rheology.refined(lambda: rheology.profile(flow))
@@ -359,7 +359,8 @@ class _Chute(Rheology):
     """The chute, whose shear changes sign in the middle: ``flow.mu`` carries the sign."""
 
     def fluidity(self, flow, panels):
-        unsigned = Flow(lambda x: np.abs(flow.mu(x)), flow.P, flow.ends, flow.walls, flow.wall)
+        unsigned = StressProfile(lambda x: np.abs(flow.mu(x)), flow.P,
+                                 flow.ends, flow.walls, flow.wall)
         return super().fluidity(unsigned, panels)
 
 
@@ -384,7 +385,7 @@ def annular_shear(law, model, A, I0, inner, outer, wall="natural", density=0.0):
             cut = root(lambda r: law.yield_ratio - mu(np.array(r)), inner, 1e3 * outer)
         else:
             cut = inner * np.sqrt(mu_i / law.yield_ratio)
-        return Flow(mu, pressure, split(inner, outer, [cut]), (True, True), wall, True)
+        return StressProfile(mu, pressure, split(inner, outer, [cut]), (True, True), wall, True)
 
     for _ in range(60):
         before, found = found, rheology.refined(lambda: _driven(rheology, make, inner))
@@ -405,7 +406,7 @@ def inclined_plane(law, model, A, I0, height, slope, wall="zero"):
     mu = float(np.tan(angle))
     if not mu < float(law.stress_ratio(np.asarray(1e12))[0]):
         raise ValueError(f"slope {slope:g}: no steady flow, as the law bears less")
-    flow = Flow(lambda u: np.full_like(u, mu), lambda u: np.cos(angle) * u**2,
+    flow = StressProfile(lambda u: np.full_like(u, mu), lambda u: np.cos(angle) * u**2,
                 np.sqrt(split(0.0, height)), (False, True), wall, depth=height)
     rheology = Rheology(law, model, A, I0)
     return rheology.refined(lambda: rheology.profile(flow))

@@ -13,14 +13,14 @@ from ...options import ParameterError, positive
 
 #: Rows that several laws share.
 MU_S = positive("mu_s", 0.3819, "", "static yield value of the stress ratio", "(1.2), (1.3)",
-                shared=("restart", "seed"))
+                shared=("restart", "mode_file"))
 MU_2 = positive("mu_2", 0.6435, "", "limit of the stress ratio of the Jop law", "(1.3)",
-                shared=("restart", "seed"))
+                shared=("restart", "mode_file"))
 B = positive("b", 0.9377, "", "slope of mu_loc at I = 0", "(1.2), (1.3)",
-             shared=("restart", "seed"))
+             shared=("restart", "mode_file"))
 I_0 = positive("I_0", None, "1", "inertial number at which the Jop law is half way from mu_s to "
                "mu_2; given, it takes the place of b", "I_0 = (mu_2 - mu_s)/b",
-               shared=("restart", "seed"))
+               shared=("restart", "mode_file"))
 
 
 class Law(ABC):

@@ -44,9 +44,9 @@ class BarkerGray(Law):
     rows = (MU_S, MU_2, B, I_0,
             positive("alpha", 1.9, "", "coefficient of the law below I_1; it is well-posed as I "
                      "goes to 0 if this is below 2", "mu = sqrt(alpha/ln(A_-/I))",
-                     shared=("restart", "seed")),
+                     shared=("restart", "mode_file")),
             positive("mu_inf", 0.05, "", "slope of mu_loc as I goes to infinity",
-                     shared=("restart", "seed")))
+                     shared=("restart", "mode_file")))
     resolve = classmethod(slope_of_jop)
 
     @classmethod

@@ -17,11 +17,11 @@ from ...options import positive
 
 #: The row of the non-local amplitude, which is also the unit A d of wave vectors.
 AMPLITUDE = positive("A", 0.48, "", "non-local amplitude; A d is also the unit of wave vectors in "
-                     "theory and spectra", "(2.8)", shared=("restart", "seed"))
+                     "theory and spectra", "(2.8)", shared=("restart", "mode_file"))
 
 
 @dataclass
-class Quantity:
+class WithDerivatives:
     """A value at points and its derivatives, each an array of one shape.
 
     ``rate``, ``pressure`` and ``fluidity`` are the derivatives with respect to the effective
@@ -40,15 +40,15 @@ class Response:
 
     Attributes
     ----------
-    viscosity : Quantity
+    viscosity : WithDerivatives
         sigma' = 2 viscosity D~, in stress/gdot0.
     stress_ratio, inertial_number, fluidity : ndarray
         mu = tau/P, I of the plastic rate g mu, and g in gdot0.
-    source : Quantity or None
+    source : WithDerivatives or None
         F of the fluidity equation in gdot0; None for a model without this equation.
     """
 
-    viscosity: Quantity
+    viscosity: WithDerivatives
     stress_ratio: np.ndarray
     inertial_number: np.ndarray
     fluidity: np.ndarray
@@ -113,8 +113,8 @@ class Model(ABC):
         """The length, d, in whose units growing waves are counted: A d of NGF."""
         return float(np.sqrt(self.diffusion)) or 1.0
 
-    def lag(self, law, s, mu, P, g):
-        """Return g - g_loc and its derivatives, a `Quantity` whose ``rate`` is that by mu.
+    def fluidity_excess(self, law, s, mu, P, g):
+        """Return g - g_loc and its derivatives, a `WithDerivatives` whose ``rate`` is that by mu.
 
         Only walls of local fluidity need it; the default raises NotImplementedError.
         """

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import AMPLITUDE, Model, Quantity, Response
+from . import AMPLITUDE, Model, Response, WithDerivatives
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class LI(Model):
         mu_pressure = -(s / (2.0 * P) * I + theta * mu) * total
         elastic = 1.0 / theta if theta > 0.0 else np.inf
         return Response(
-            viscosity=Quantity(
+            viscosity=WithDerivatives(
                 np.where(flowing, mu * P / safe, elastic),
                 rate=np.where(flowing, P * (total - mu / safe) / safe, 0.0),
                 pressure=np.where(flowing, (mu + P * mu_pressure) / safe, 0.0)),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import AMPLITUDE, Model, Quantity, Response
+from . import AMPLITUDE, Model, Response, WithDerivatives
 
 #: F vanishes because of mu = mu_s where |mu - mu_s| is below this share of mu_loc(I) - mu_s. At a
 #: spurious root a converged solution has 1e-6 or less; elements through which mu = mu_s passes
@@ -41,12 +41,12 @@ class NGF(Model):
         mu = gdot * total
         source = self.source(law, s, mu, P, g)
         return Response(
-            viscosity=Quantity(P * total, pressure=g * total**2, fluidity=-P * total**2),
+            viscosity=WithDerivatives(P * total, pressure=g * total**2, fluidity=-P * total**2),
             stress_ratio=mu,
             inertial_number=g * mu / s,
             fluidity=g,
             # mu falls by theta mu total as P rises by one, and by mu total as g does.
-            source=Quantity(
+            source=WithDerivatives(
                 source.value,
                 rate=source.rate * total,
                 pressure=source.pressure - source.rate * theta * mu * total,
@@ -68,13 +68,13 @@ class NGF(Model):
 
         Returns
         -------
-        Quantity
+        WithDerivatives
             In gdot0. Its ``rate`` is the derivative with respect to mu; that with respect to P
             counts the change of s. Each derivative holds the other two of mu, P and g.
         """
         stiffness, slope = law.inverse_length_squared(mu)
-        lag = self.lag(law, s, mu, P, g)
-        return Quantity(stiffness * lag.value,
+        lag = self.fluidity_excess(law, s, mu, P, g)
+        return WithDerivatives(stiffness * lag.value,
                         rate=slope * lag.value + stiffness * lag.rate,
                         pressure=stiffness * lag.pressure,
                         fluidity=stiffness)
@@ -84,7 +84,7 @@ class NGF(Model):
 
         It is 2 (A^2 d^2/xi^2)' (g - g_loc)', the part that does not vanish at mu_s.
         """
-        return 2.0 * law.inverse_length_squared(mu)[1] * self.lag(law, s, mu, P, g).rate
+        return 2.0 * law.inverse_length_squared(mu)[1] * self.fluidity_excess(law, s, mu, P, g).rate
 
     def spurious_root(self, law, mu, I):
         """Return mu_loc(I) - mu_s where F vanishes because mu = mu_s, and zero elsewhere.
@@ -95,7 +95,7 @@ class NGF(Model):
         excess = law.stress_ratio(I)[0] - law.yield_ratio
         return np.where(np.abs(mu - law.yield_ratio) < AT_YIELD * excess, excess, 0.0)
 
-    def lag(self, law, s, mu, P, g):
+    def fluidity_excess(self, law, s, mu, P, g):
         """Return g - g_loc and its derivatives at points, as `source` returns F.
 
         Walls of local fluidity hold it at zero.
@@ -104,5 +104,5 @@ class NGF(Model):
         # I_loc is zero below the yield ratio, so this changes no value.
         positive = np.maximum(mu, law.yield_ratio)
         ratio = I_loc / positive
-        return Quantity(g - s * ratio, rate=-s * (slope - ratio) / positive,
+        return WithDerivatives(g - s * ratio, rate=-s * (slope - ratio) / positive,
                         pressure=-ratio * s / (2.0 * P), fluidity=np.ones_like(mu))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...options import BOTH, Option, ParameterError, positive
-from . import Quantity
+from . import WithDerivatives
 from .ngf import NGF
 
 #: Inertial numbers at which a law is checked, and by how much it may differ, relatively.
@@ -88,7 +88,7 @@ class NGFPrimitive(NGF):
         sign = np.where(g < 0.0, 1.0, np.sign(law.yield_ratio - beside))
         K, K_slope = (sign * part for part in law.inverse_length_squared(beside))
         drag = _slope_at_rest(law, mu) * np.abs(g) / s
-        return Quantity(g * (K + drag * mu),
+        return WithDerivatives(g * (K + drag * mu),
                         rate=g * (K_slope + drag),
                         pressure=-g * drag * mu / (2.0 * P),
                         fluidity=K + 2.0 * drag * mu)

@@ -1,9 +1,9 @@
 r"""The spectrum that a preconditioner of Schur type leaves of the first system of a time step.
 
-    python -m pgran.studies.schur_spectrum -options_file options/li.opts -pgran_element_size 2 \
+    python -m studies.schur_spectrum -options_file options/li.opts -pgran_element_size 2 \
         -from results/bench/li.h5 -snapshot 1 -dt 3e-4 [options of fieldsplit]
 
-The system is that of `pgran.studies.systems`, with its options. Where the block of the nodes is
+The system is that of `studies.systems`, with its options. Where the block of the nodes is
 solved exactly, an upper factorisation P leaves A P^-1 = [[1, 0], [*, S M^-1]], with the Schur
 complement S and what stands for it, M. All eigenvalues of S M^-1 are found by numpy, so one rank
 and some thousand pressures are what this can do. Prints one line of JSON: the pressures, the share
@@ -15,8 +15,9 @@ import sys
 
 import numpy as np
 
-from ..cli import own, start
-from ..options import OptionError
+from pgran.cli import own, start
+from pgran.options import OptionError
+
 from .one_step import SNAPSHOT
 from .systems import first_system, start_of_steps
 
@@ -34,7 +35,7 @@ def eigenvalues(parameters, comm, path, number, dt):
     comm : PETSc.Comm
         Of one rank.
     path, number
-        File and snapshot, as for `pgran.studies.transfer.interpolated`.
+        File and snapshot, as for `studies.transfer.interpolated`.
     dt : float
         Size of the step, 1/gdot0.
 

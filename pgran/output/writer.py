@@ -36,7 +36,7 @@ from .files import (
     write_blocks,
     write_text,
 )
-from .reading import FIELDS, FORMAT, ResultError, opened, stored_parameters
+from .reader import FIELDS, FORMAT, ResultError, opened, stored_parameters
 from .result import cells
 from .snapshots import (
     GROUP,
@@ -354,7 +354,7 @@ class Writer:
             with draft:
                 group = draft.file.create_group(GROUP)
                 group.attrs["time"], group.attrs["label"] = time, self.case.label(time)
-                group.attrs[self.case.counted_by] = self.case.count(time)
+                group.attrs[self.case.progress_name] = self.case.progress(time)
                 for key, size in components.items():
                     data = group.create_dataset(key, shape + size, dtype="f8")
                     data.attrs["unit"] = self._unit(key)
@@ -598,7 +598,7 @@ def read_mode(parameters, form):
     """
     names = ("velocity", "pressure") + (("fluidity",) if form.grid.has_fluidity else ())
     base = tuple(BASE + name for name in (*names, "deviator"))
-    _, fields = _read_fields(parameters, "seed", 0, form, names, base)
+    _, fields = _read_fields(parameters, "mode_file", 0, form, names, base)
     return fields, {name[len(BASE):]: fields.pop(name) for name in base if name in fields}
 
 
@@ -611,7 +611,7 @@ def _read_fields(parameters, start, number, form, names, optional=()):
 
     def read():
         with opened(path) as file:
-            if start == "seed" and "growth_rate" not in file.attrs:
+            if start == "mode_file" and "growth_rate" not in file.attrs:
                 refuse("it holds no mode, as pgran.eigen writes it")
             found = ordered(file["snapshots"])
             if not -len(found) <= number < len(found):
@@ -628,7 +628,7 @@ def _read_fields(parameters, start, number, form, names, optional=()):
                     refuse(f"its {data.shape[1]} x {data.shape[0]} nodes are not the "
                            f"{lattice.shape[0]} x {lattice.shape[1]} of this grid")
             theirs = stored_parameters(file)
-            if start == "seed" and theirs.restart and not set(optional) <= set(wanted):
+            if start == "mode_file" and theirs.restart and not set(optional) <= set(wanted):
                 refuse("its mode is one of a mesh that has moved; a run can begin with modes of "
                        "reference flows and of fixed meshes")
             for row in parameters.rows:

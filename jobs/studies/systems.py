@@ -1,9 +1,9 @@
 r"""The first linear system of a time step, over sizes of the step: iterations.
 
-    mpiexec -n 2 python -m pgran.studies.systems -options_file options/biaxial.opts \
+    mpiexec -n 2 python -m studies.systems -options_file options/biaxial.opts \
         -pgran_inertia -ksp_rtol 1e-6 -from results/biaxial.h5 -snapshot 1 -dt 1e-8,1e-6,1e-4
 
-The state of a snapshot is taken to this mesh as `pgran.studies.one_step` does. From there Newton's
+The state of a snapshot is taken to this mesh as `studies.one_step` does. From there Newton's
 method starts a step of each size, and its first system is solved. Rank 0 prints one line of JSON:
 the iterations, or nothing (null) where the solver did not converge. PETSc's options hold.
 """
@@ -11,7 +11,8 @@ the iterations, or nothing (null) where the solver did not converge. PETSc's opt
 import json
 import sys
 
-from ..cli import own, start
+from pgran.cli import own, start
+
 from .one_step import SNAPSHOT
 
 ROWS = (
@@ -27,7 +28,7 @@ def systems(parameters, comm, path, number, steps):
     parameters : pgran.options.Parameters
     comm : PETSc.Comm
     path, number
-        File and snapshot, as for `pgran.studies.transfer.interpolated`.
+        File and snapshot, as for `studies.transfer.interpolated`.
     steps : sequence of float
         Sizes, 1/gdot0.
 
@@ -47,8 +48,9 @@ def systems(parameters, comm, path, number, steps):
 
 def start_of_steps(parameters, comm, path, number, steps):
     """Return the `pgran.solve.driver.Driver` that starts the ``steps`` of `systems`. Collective."""
-    from ..solve.driver import Driver
-    from ..space.weakform import discretise
+    from pgran.solve.driver import Driver
+    from pgran.space.weakform import discretise
+
     from .transfer import interpolated
 
     form = discretise(parameters.replace(step_first=min(steps), step_min=min(steps)), comm)

@@ -18,10 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import cases
-from ..output import band
-from ..theory import waves
-from . import launch, specimen
+from pgran import cases
+from pgran.output import band
+from pgran.runs import run_on_ranks
+from pgran.theory import waves
+
+from . import specimen
 from .table import COST, Table, cost, result_file
 
 #: t0 over T; none is the steady form.
@@ -57,7 +59,7 @@ def forms(options):
 
 def wave(options):
     """Return the growth rate (gdot0) and the length (d) of the fastest wave in free space."""
-    parameters = cases.read(launch.parsed(options))
+    parameters = cases.read(run_on_ranks.parsed(options))
     coefficients = waves.Coefficients.of_run(parameters)
     k, rate, _ = waves.fastest(coefficients)
     return (float(rate * waves.viscous_rate(coefficients.mu, parameters.A, parameters.phi,
@@ -113,7 +115,7 @@ def band_table(directory, sizes, options):
         reference = None
         for name, _, given in forms(options):
             path = result_file(directory, f"{name} h{size}")
-            result = launch.run(path, "options/biaxial.opts", *launch.QUIET, *given,
+            result = run_on_ranks.run(path, "options/biaxial.opts", *run_on_ranks.QUIET, *given,
                                 "-pgran_element_size", size, needed=False)
             if result is None:
                 table.note(size, name, "did not come to its end")

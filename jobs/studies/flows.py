@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import cases
-from ..output.result import Result
-from . import launch
+from pgran import cases
+from pgran.output.result import Result
+from pgran.runs import run_on_ranks
+
 from .table import Table
 
 #: Henann & Kamrin: the pressure of the plate over phi rho_s G d, phi, the plate's speed over
@@ -77,7 +78,7 @@ def mesh(case, size):
 
 def steady(path, case, size, *options):
     """Find a steady flow on elements of ``size``, d; return its result, or None."""
-    return launch.run(path, f"options/{case}.opts", *launch.QUIET, *mesh(case, size), *options,
+    return run_on_ranks.run(path, f"options/{case}.opts", *run_on_ranks.QUIET, *mesh(case, size), *options,
                       needed=False)
 
 
@@ -106,7 +107,7 @@ def main(directory="results/flows", *, options=()):
     table.close()
     for case in sorted({case for _, case, *_ in FLOWS}):
         path = directory / f"{case}.h5"
-        launch.run(path, f"options/{case}.opts", *launch.QUIET, *options)
+        run_on_ranks.run(path, f"options/{case}.opts", *run_on_ranks.QUIET, *options)
         draw(path, directory / f"flow_{case}.png")
 
 

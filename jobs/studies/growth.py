@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..options import PREFIX, written
-from ..output.result import Result
-from . import launch
+from pgran.options import PREFIX, written
+from pgran.output.result import Result
+from pgran.runs import run_on_ranks
+
 from .table import Table
 
 ELEMENTS, STEP, SEED = 16, 2e-5, 1e-3
@@ -38,9 +39,9 @@ def eigenmode(path, elements, *more):
     pgran.eigen writes the mode to ``path`` unless it is there.
     """
     given = ("-pgran_cell_elements", elements, *more)
-    cell = launch.asked("options/eigen.opts", *given)
-    if not launch.holds(path, cell, (*launch.IGNORED, *OF_THE_CELL)):
-        launch.python(launch.RANKS, "-m", "pgran.eigen", "-options_file", "options/eigen.opts",
+    cell = run_on_ranks.asked("options/eigen.opts", *given)
+    if not run_on_ranks.holds(path, cell, (*run_on_ranks.IGNORED, *OF_THE_CELL)):
+        run_on_ranks.python(run_on_ranks.RANKS, "-m", "pgran.eigen", "-options_file", "options/eigen.opts",
                       "-eps_nev", 2, "-refinement", elements, *given, "-pgran_output", path)
     mode = Result(path).attributes
     return float(mode["growth_rate"]), written(mode["options"])
@@ -53,9 +54,9 @@ def grow(mode, given_options, output, end, *more):
     """
     kept = ("width", "height", "inertial_number", "cell_elements")
     given = [text for name in kept for text in (f"-{PREFIX}{name}", given_options[PREFIX + name])]
-    launch.run(output, "options/periodic.opts", *given, "-pgran_inertia", "true",
-               "-pgran_imperfection", 1, "-pgran_seed", mode, "-pgran_seed_size", SEED,
-               "-pgran_step_first", STEP, "-pgran_end_time", end, *launch.QUIET, *more)
+    run_on_ranks.run(output, "options/periodic.opts", *given, "-pgran_inertia", "true",
+               "-pgran_imperfection", 1, "-pgran_mode_file", mode, "-pgran_mode_amplitude", SEED,
+               "-pgran_step_first", STEP, "-pgran_end_time", end, *run_on_ranks.QUIET, *more)
 
 
 def history(path):

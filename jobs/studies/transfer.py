@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ..options import OptionError
-from ..output.reading import ResultError
-from ..output.result import Result
-from ..solve.state import State
-from ..space.element import SHAPE, linear, quadratic
+from pgran.options import OptionError
+from pgran.output.reader import ResultError
+from pgran.output.result import Result
+from pgran.solve.state import State
+from pgran.space.element import SHAPE, linear, quadratic
 
 
 def along(fine, coarse, index, nodal):

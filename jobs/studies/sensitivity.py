@@ -2,14 +2,15 @@
 
 Elastic modulus, step, imperfection, law and plates, on elements of 2 d. Options hold for all runs.
 The table has the band in each snapshot (5 and 10 %) and the cost of each run. Meshes are the matter
-of `pgran.studies.meshes`.
+of `studies.meshes`.
 """
 
 from pathlib import Path
 
-from ..options import RUN
-from ..output import band
-from . import launch
+from pgran.options import RUN
+from pgran.output import band
+from pgran.runs import run_on_ranks
+
 from .table import COST, Table, cost, result_file
 
 #: The step error of the base.
@@ -39,7 +40,7 @@ def main(directory="results/sensitivity", *, options=()):
     table = Table(Path(directory) / "sensitivity.csv", COLUMNS)
     for name, varied in CASES.items():
         path = result_file(directory, name)
-        took = launch.run(path, "options/biaxial.opts", *launch.QUIET, *options, *varied,
+        took = run_on_ranks.run(path, "options/biaxial.opts", *run_on_ranks.QUIET, *options, *varied,
                           needed=False)
         if took is None:
             table.note(name, "did not come to its end")

@@ -1,6 +1,6 @@
 r"""One time step from the state of a snapshot, on any mesh: what it costs, system by system.
 
-    mpiexec -n 2 python -m pgran.studies.one_step -options_file options/biaxial.opts \
+    mpiexec -n 2 python -m studies.one_step -options_file options/biaxial.opts \
         -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 -dt 1e-3 [-name text]
 
 The fields of the snapshot, which may stem from a coarser mesh whose elements this one divides, are
@@ -14,7 +14,7 @@ import resource
 import sys
 import time
 
-from ..cli import own, start
+from pgran.cli import own, start
 
 #: The rows that name the state from which a step starts.
 SNAPSHOT = (
@@ -34,14 +34,15 @@ def one_step(parameters, comm, path, number, dt):
     parameters : pgran.options.Parameters
     comm : PETSc.Comm
     path, number
-        File and snapshot, as for `pgran.studies.transfer.interpolated`.
+        File and snapshot, as for `studies.transfer.interpolated`.
     dt : float
         Size of the step, 1/gdot0.
     """
     from mpi4py import MPI
 
-    from ..solve.driver import Driver
-    from ..space.weakform import discretise
+    from pgran.solve.driver import Driver
+    from pgran.space.weakform import discretise
+
     from .transfer import interpolated
 
     begin, ranks = time.perf_counter(), comm.tompi4py()

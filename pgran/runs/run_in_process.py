@@ -23,7 +23,7 @@ from ..options import Interrupted, OptionError, SolutionError
 from ..output.result import Result
 from ..signals import SIGNALS, Signals
 from ..versions import FIRST, callback_error
-from . import launch
+from . import run_on_ranks
 
 #: PETSc has one database of options for a process, and solves in one thread at a time.
 LOCK = threading.RLock()
@@ -48,7 +48,7 @@ def run(path, options_file, *options):
 
     All ranks of the process take part. PETSc's options of the process are set aside meanwhile. Runs
     of several threads wait for each other. The parameters are those of
-    `pgran.studies.launch.done`.
+    `pgran.runs.run_on_ranks.done`.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def run(path, options_file, *options):
         raise OptionError(f"{threading.current_thread().name}: a run on {world.size} ranks of this "
                           "process is allowed in the main thread only")
     with LOCK:
-        words = world.bcast(launch.pending(path, options_file, *options))
+        words = world.bcast(run_on_ranks.pending(path, options_file, *options))
         if words is not None:
             texts = given(options_file, *words)
             refuse_at_start(texts)

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import cases
-from ..output import band
-from ..theory import specimen, waves
-from . import launch
+from pgran import cases
+from pgran.output import band
+from pgran.runs import run_on_ranks
+from pgran.theory import specimen, waves
+
 from .table import Table, result_file
 
 NUMBERS = 1e-4, 3e-4, 1e-3, 3e-3, 5e-3, 7e-3, 1e-2, 3e-2, 1e-1
@@ -38,7 +39,7 @@ def main(directory="results/regime", *, options=()):
     for width in WIDTHS:
         for number in NUMBERS:
             path = result_file(directory, f"L{width}_I{number:g}")
-            if launch.run(path, "options/biaxial.opts", *launch.QUIET, *options, "-pgran_width",
+            if run_on_ranks.run(path, "options/biaxial.opts", *run_on_ranks.QUIET, *options, "-pgran_width",
                           width, "-pgran_inertial_number", number, "-pgran_element_size",
                           max(2, width // 20), needed=False) is None:
                 table.note(f"{width}", f"{number:g}", "did not come to its end")

@@ -5,8 +5,9 @@ that of the meshes. Element sizes are "2 1 0.5" for both models unless given. Th
 differences of I between successive meshes, as `pgran.output.band.mesh_differences` tells.
 """
 
-from ..output import band
-from . import launch
+from pgran.output import band
+from pgran.runs import run_on_ranks
+
 from .section4 import RESULTS
 from .table import COST, Table, cost
 
@@ -23,7 +24,7 @@ def main(ngf="2 1 0.5", li="2 1 0.5", *, options=()):
         paths = []
         for number, size in enumerate(sizes):
             paths.append(RESULTS / f"{model}_square_h{size}.h5")
-            took = launch.run(paths[-1], FILES[model], *launch.QUIET, *options,
+            took = run_on_ranks.run(paths[-1], FILES[model], *run_on_ranks.QUIET, *options,
                               "-pgran_imperfection_size", 2, "-pgran_element_size", size)
             if number:
                 found = band.compare(paths)[-1]

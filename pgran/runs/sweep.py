@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..options import OptionError, SolutionError
 from ..output.result import ANY, Result, options_of
-from . import here, launch
+from . import run_in_process, run_on_ranks
 from .table import result_file
 
 #: What batch systems call the number of a task in a job array.
@@ -61,8 +61,8 @@ def run(output=None, options_file=None, ranks=None, **options):
     output = Path(output or Path("results") / f"{Path(case.split(':')[0]).stem}.h5")
     words = _checked(options_file=options_file, **options)
     if ranks is None:
-        return here.run(output, *words)
-    return launch.run(output, *words, ranks=ranks)
+        return run_in_process.run(output, *words)
+    return run_on_ranks.run(output, *words, ranks=ranks)
 
 
 def _checked(options_file=None, petsc=None, ranks=None, output=None, **options):
@@ -70,7 +70,7 @@ def _checked(options_file=None, petsc=None, ranks=None, output=None, **options):
     options_file = options_file or shipped(str(options.get("case", "biaxial")))
     petsc = {f"-{name}": value for name, value in (petsc or {}).items()}
     words = options_of({"progress": "quiet", **options, **petsc})
-    launch.asked(options_file, *words)
+    run_on_ranks.asked(options_file, *words)
     return options_file, *words
 
 

@@ -19,13 +19,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..options import SolutionError
-from ..output.checkpoint import KEPT, checkpoints_of
-from . import launch
+from pgran.options import SolutionError
+from pgran.output.checkpoint import KEPT, checkpoints_of
+from pgran.runs import run_on_ranks
 
 #: A specimen that yields and forms a band, in some fifty steps.
 OPTIONS = ("-pgran_element_size", 4, "-pgran_compression", 0.02, "-pgran_snapshots",
-           "0.005,0.01,0.015,0.02", "-pgran_checkpoint_steps", 2, *launch.QUIET)
+           "0.005,0.01,0.015,0.02", "-pgran_checkpoint_steps", 2, *run_on_ranks.QUIET)
 FILE = "options/direct.opts"
 RANKS = 2, 1, 3, 2, 4, 1
 #: Seconds within which a run must get further than the last one.
@@ -80,25 +80,25 @@ def killed(path, ranks, chance):
     again = ("-pgran_restart", path) if checkpoints_of(path) else ()
     if not again and Path(path).exists():
         remove(path)  # killed before its first checkpoint
-    line, environment = launch.command(ranks if ranks > 1 else 0, "-m", "pgran", "-options_file",
+    line, environment = run_on_ranks.command(ranks if ranks > 1 else 0, "-m", "pgran", "-options_file",
                                        FILE, *OPTIONS, "-pgran_output", path, *again)
     wanted, end = before + chance.randint(1, 6), time.monotonic() + LIMIT
     with subprocess.Popen(line, env=environment, start_new_session=True) as process:
         while process.poll() is None and steps(path) < wanted:
             if time.monotonic() > end:
-                launch.kill(process)
+                run_on_ranks.kill(process)
                 raise SolutionError(f"{path}: it gets no further than {steps(path)} steps")
             time.sleep(0.01)
         time.sleep(0.2 * chance.random())
         ended = process.poll() is not None
-        launch.kill(process)
+        run_on_ranks.kill(process)
     return ended
 
 
 def kills(moments, directory):
     """Kill a run at random moments; print what came of it."""
     whole, path, chance = directory / "whole.h5", directory / "killed.h5", random.Random(1)
-    launch.run(whole, FILE, *OPTIONS, ranks=1)
+    run_on_ranks.run(whole, FILE, *OPTIONS, ranks=1)
     remove(path)
     ranks, count = itertools.cycle(RANKS), 0
     while count < moments:
@@ -114,10 +114,10 @@ def kills(moments, directory):
         print(f"  kill {count:2d} on {number} ranks: {steps(path)} steps on the disk, "
               f"{len(checkpoints_of(path))} checkpoints", flush=True)
     if checkpoints_of(path):
-        launch.python(2, "-m", "pgran", "-options_file", FILE, *OPTIONS, "-pgran_output", path,
+        run_on_ranks.python(2, "-m", "pgran", "-options_file", FILE, *OPTIONS, "-pgran_output", path,
                       "-pgran_restart", path)
     else:
-        launch.run(path, FILE, *OPTIONS)
+        run_on_ranks.run(path, FILE, *OPTIONS)
     far = apart(path, whole)
     print(f"  {moments} kills: the history has {steps(path)} entries, as that of a run left alone; "
           f"fields are {far:.1e} apart")
@@ -137,7 +137,7 @@ def fault(name, path, whole, spoil, mend, before=()):
     of the command.
     """
     more = ("-options_file", FILE, *OPTIONS, "-pgran_output", path)
-    line, environment = launch.command(2, "-m", "pgran", *more)
+    line, environment = run_on_ranks.command(2, "-m", "pgran", *more)
     with subprocess.Popen([*before, *line], env=environment, stderr=subprocess.PIPE,
                           text=True, start_new_session=True) as process:
         try:
@@ -146,13 +146,13 @@ def fault(name, path, whole, spoil, mend, before=()):
             spoil(process)
             errors = process.communicate(timeout=LIMIT)[1]
         finally:
-            launch.kill(process)
+            run_on_ranks.kill(process)
     told = [text for text in errors.splitlines() if "error: " in text]
     if process.returncode != 1 or len(told) != 1:
         raise SolutionError(f"{name}: exit code {process.returncode}, {errors}")
     held = steps(path), len(checkpoints_of(path))
     mend()
-    launch.python(2, "-m", "pgran", *more, "-pgran_restart", path)
+    run_on_ranks.python(2, "-m", "pgran", *more, "-pgran_restart", path)
     far = apart(path, whole)
     print(f"  {name}: {told[0]}\n    {held[0]} steps and {held[1]} checkpoints are there; gone on "
           f"from them, fields are {far:.1e} apart", flush=True)
@@ -170,7 +170,7 @@ def faults(directory):
     whole, root = directory / "whole.h5", not os.geteuid()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
-        fault("quota", path, whole, lambda process: launch.for_processes(process, restrict),
+        fault("quota", path, whole, lambda process: run_on_ranks.for_processes(process, restrict),
               lambda: None)
     with tempfile.TemporaryDirectory() as folder:  # of a user who is not root, who may write always
         os.chmod(folder, 0o777)

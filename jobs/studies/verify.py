@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..options import SolutionError
-from ..output import band
-from . import launch
+from pgran.options import SolutionError
+from pgran.output import band
+from pgran.runs import run_on_ranks
+
 from .table import Table
 
 CASES = {
@@ -39,7 +40,8 @@ def main(directory="results/verify", *, options=()):
     table, wrong = Table(Path(directory) / "verify.csv", COLUMNS), []
     for name, varied in CASES.items():
         path = Path(directory) / f"{name}.h5"
-        result = launch.run(path, "options/biaxial.opts", *launch.QUIET, *options, *varied)
+        result = run_on_ranks.run(path, "options/biaxial.opts", * \
+                                  run_on_ranks.QUIET, *options, *varied)
         row = band.measure(path)[-1]
         low, high = row["inertial_number_min"], row["inertial_number_max"]
         I, I0 = result.snapshots[-1]["inertial_number"], result.options["inertial_number"]

@@ -29,9 +29,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..output import band
-from ..output.result import Result
-from . import launch
+from pgran.output import band
+from pgran.output.result import Result
+from pgran.runs import run_on_ranks
+
 from .table import Table, result_file
 
 BENCH = Path("results/bench")
@@ -87,7 +88,7 @@ ITERATIVE = {
 FLOWING = 0.0004, 0.0006
 #: What makes a tight run.
 TIGHT = ("-pgran_step_error", 0.01, "-snes_atol", 1e-7, "-ksp_rtol", 1e-4,
-         "-pgran_tolerance_perturbation", 0)
+         "-pgran_tolerance_full_deviation", 0)
 #: What solves every system to 1e-6, in one cycle of GMRES.
 EXACT = "-ksp_rtol", 1e-6, "-ksp_max_it", 200, "-ksp_gmres_restart", 200
 MUMPS = ("-dm_mat_type", "aij", "-ksp_type", "preonly", "-pc_type", "lu",
@@ -102,15 +103,15 @@ LIMIT = 1800
 
 
 def step(ranks, name, *options, states=None):
-    """Return what one step from the states costs, as `pgran.studies.one_step` says.
+    """Return what one step from the states costs, as `studies.one_step` says.
 
     ``states`` is the file that has them; without it, it is made.
     """
     if states is None:
         states = BENCH / "states.h5"
-        launch.run(states, FILE, "-pgran_snapshots", STATES, *launch.QUIET)
-    made = launch.python(ranks, "-m", "pgran.studies.one_step", "-options_file", FILE,
-                         *launch.QUIET, *options, "-from", states, "-name", name,
+        run_on_ranks.run(states, FILE, "-pgran_snapshots", STATES, *run_on_ranks.QUIET)
+    made = run_on_ranks.python(ranks, "-m", "studies.one_step", "-options_file", FILE,
+                         *run_on_ranks.QUIET, *options, "-from", states, "-name", name,
                          stdout=subprocess.PIPE, text=True, timeout=LIMIT)
     return json.loads(made.stdout)
 
@@ -140,7 +141,7 @@ def exponents(unknowns, seconds, memory):
 def answer(sizes="2 1", tight="2 1", *, options=()):
     """The main job, and how far it is from runs with tight tolerances."""
     for size in tight.split():
-        launch.run(BENCH / f"tight_{size}.h5", FILE, *launch.QUIET, *options,
+        run_on_ranks.run(BENCH / f"tight_{size}.h5", FILE, *run_on_ranks.QUIET, *options,
                    "-pgran_element_size", size, *TIGHT, ranks=2)
     table = Table(BENCH / "answer.csv", {
         "element (d)": "", "target (s)": "d", "s": ".1f", "MB": ".0f", "steps": "d",
@@ -148,7 +149,7 @@ def answer(sizes="2 1", tight="2 1", *, options=()):
         "width": ".1f", "tight (s)": ".0f"})
     for size in sizes.split():
         path, other = (BENCH / f"{name}_{size}.h5" for name in ("answer", "tight"))
-        took = launch.run(path, FILE, *launch.QUIET, *options, "-pgran_element_size", size,
+        took = run_on_ranks.run(path, FILE, *run_on_ranks.QUIET, *options, "-pgran_element_size", size,
                           ranks=2).attributes
         row, I, off, spent = band.measure(path)[-1], largest(path), None, None
         if size in tight.split():
@@ -185,15 +186,15 @@ def iterations(sizes="2 1 0.5", ranks="1 2 3 4", *, options=()):
 def inertia(sizes="4 2 1", ranks="1 2", *, options=()):
     """Outer iterations over the size of the step, mesh and ranks: with inertia (without)."""
     states = BENCH / "yielding.h5"
-    launch.run(states, FILE, "-pgran_snapshots", ",".join(map(str, YIELDING.values())),
+    run_on_ranks.run(states, FILE, "-pgran_snapshots", ",".join(map(str, YIELDING.values())),
                "-pgran_compression", max(YIELDING.values()), "-pgran_element_size", COARSE,
-               *launch.QUIET)
+               *run_on_ranks.QUIET)
     table = Table(BENCH / "inertia.csv", {"state": "", "element (d)": "", "ranks": "",
                                           **{f"dt = {dt}": "" for dt in STEPS}})
 
     def counts(size, count, number, inertia):
-        made = launch.python(
-            count, "-m", "pgran.studies.systems", "-options_file", FILE, *EXACT,
+        made = run_on_ranks.python(
+            count, "-m", "studies.systems", "-options_file", FILE, *EXACT,
             *options, "-pgran_element_size", size, "-pgran_inertia", inertia, "-from", states,
             "-snapshot", number, "-dt", ",".join(STEPS), stdout=subprocess.PIPE, text=True,
             timeout=LIMIT)
@@ -216,9 +217,9 @@ def flows(sizes="1 0.5 0.25", ranks="1 2", *, options=()):
                 cells = []
                 for kind, these in KINDS.items():
                     path = result_file(BENCH, f"{flow} {size} {count} {kind}")
-                    made = launch.run(
+                    made = run_on_ranks.run(
                         path, f"options/{name}.opts", "-options_file", "options/flows_mg.opts",
-                        *launch.QUIET, *more, *these, *options, "-pgran_element_size", size,
+                        *run_on_ranks.QUIET, *more, *these, *options, "-pgran_element_size", size,
                         ranks=int(count), needed=False)
                     cells.append(None if made is None else per_system(made))
                 table.row(flow, size, count, *cells)
@@ -266,7 +267,7 @@ def weak(ranks="1 2 4", *, options=()):
         "s a Newton iteration": ".3f", "MB a rank": ".0f"})
     for count in map(int, ranks.split()):
         width, height = SHAPES[count]
-        took = launch.run(BENCH / f"weak_{count}.h5", FILE, *launch.QUIET, *options,
+        took = run_on_ranks.run(BENCH / f"weak_{count}.h5", FILE, *run_on_ranks.QUIET, *options,
                           "-pgran_width", width, "-pgran_height", height, "-pgran_element_size", 1,
                           "-ts_max_steps", 30, *EXACT, ranks=count).attributes
         newton = took["newton_iterations"]
@@ -288,8 +289,8 @@ def large(widths="40 80 160", ranks="1 2 4", *, options=()):
     for width in map(int, widths.split()):
         path = BENCH / f"large_{width}.h5"
         shape = "-pgran_width", width, "-pgran_height", 3 * width, "-pgran_element_size", COARSE
-        run = launch.run(
-            path, FILE, "-options_file", "options/large.opts", *launch.QUIET, *options, *shape,
+        run = run_on_ranks.run(
+            path, FILE, "-options_file", "options/large.opts", *run_on_ranks.QUIET, *options, *shape,
             "-pgran_compression", FLOWING[-1], "-pgran_snapshots", ",".join(map(str, FLOWING)),
             ranks=2)
         took, times, sizes = run.attributes, run.history["compression"], run.history["step_size"]
@@ -300,8 +301,8 @@ def large(widths="40 80 160", ranks="1 2 4", *, options=()):
                 dt = sizes[landed - 2:landed + 1].max()  # the last steps are cut to land
                 cells.append(f"{dt:.1e}")
                 for more in solvers.values():
-                    made = launch.python(
-                        count, "-m", "pgran.studies.systems", "-options_file", FILE, *more, *EXACT,
+                    made = run_on_ranks.python(
+                        count, "-m", "studies.systems", "-options_file", FILE, *more, *EXACT,
                         *shape, *options, "-from", path, "-snapshot", number, "-dt", dt,
                         stdout=subprocess.PIPE, text=True, timeout=LIMIT)
                     its, = json.loads(made.stdout)
@@ -314,13 +315,13 @@ def large(widths="40 80 160", ranks="1 2 4", *, options=()):
 def li(sizes="4 2", *, options=()):
     """Outer iterations to 1e-6 for the local model, and the spectrum that one solver meets."""
     states, file = BENCH / "li.h5", "options/li.opts"
-    launch.run(states, file, "-pgran_snapshots", ",".join(map(str, LI.values())), *options,
-               "-pgran_element_size", COARSE, *launch.QUIET)
+    run_on_ranks.run(states, file, "-pgran_snapshots", ",".join(map(str, LI.values())), *options,
+               "-pgran_element_size", COARSE, *run_on_ranks.QUIET)
     columns = {"element (d)": "", **dict.fromkeys(LI, "")}
 
     def made(module, ranks, size, number, *more):
-        answer = launch.python(
-            ranks, "-m", f"pgran.studies.{module}", "-options_file", file, "-ksp_type", "fgmres",
+        answer = run_on_ranks.python(
+            ranks, "-m", f"studies.{module}", "-options_file", file, "-ksp_type", "fgmres",
             *EXACT, *more, *options, "-pgran_element_size", size, "-from", states, "-snapshot",
             number, "-dt", LI_STEP, stdout=subprocess.PIPE, text=True, timeout=LIMIT)
         return json.loads(answer.stdout)
@@ -343,7 +344,7 @@ def guard(*, options=()):
     table = Table(BENCH / "guard.csv", {"what": "", "value": ".2f"})
     states = BENCH / "guard.h5"
     states.unlink(missing_ok=True)  # what it took is to be measured
-    took = launch.run(states, FILE, "-pgran_snapshots", STATES, *launch.QUIET, *options,
+    took = run_on_ranks.run(states, FILE, "-pgran_snapshots", STATES, *run_on_ranks.QUIET, *options,
                       ranks=2).attributes
     steps, newton = took["steps"], took["newton_iterations"]
     table.row("steps", steps)
@@ -360,7 +361,7 @@ def guard(*, options=()):
         row["iterations"] for row in made(1, *EXACT)["newton"]]))
     table.row("bytes an unknown", 2**20 * (large["memory_sum"] - small["memory_sum"])
               / (large["unknowns"] - small["unknowns"]))
-    answer = launch.python(1, "jobs/bench/compiled.py", "-options_file", FILE, *launch.QUIET,
+    answer = run_on_ranks.python(1, "jobs/bench/compiled.py", "-options_file", FILE, *run_on_ranks.QUIET,
                          *options, "-pgran_element_size", 1, "-from", states,
                          "-snapshot", AFTER, "-dt", 2e-4, "-json", check=False,
                          stdout=subprocess.PIPE, text=True, timeout=LIMIT)

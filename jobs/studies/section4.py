@@ -7,7 +7,7 @@ Element sizes such as "2 1 0.5" hold for figures 6 and 7. Results go to PGRAN_RE
 import os
 from pathlib import Path
 
-from . import launch
+from pgran.runs import run_on_ranks
 
 RESULTS = Path(os.environ.get("PGRAN_RESULTS", "results/section4"))
 #: Width (d), I0 and element size (d) of the NGF runs, as in the names of their files.
@@ -21,14 +21,14 @@ LONG = RUNS["fig3"][0]
 def ngf(width, I0, size, *options):
     """Run NGF to 10 % compression, and the run of figure 3 to 14 %."""
     end, at = ("0.14", "0.05,0.10,0.14") if (width, I0, size) == LONG else ("0.10", "0.05,0.10")
-    launch.run(RESULTS / f"ngf_L{width}_I{I0}_h{size}.h5", "options/biaxial.opts", *options,
+    run_on_ranks.run(RESULTS / f"ngf_L{width}_I{I0}_h{size}.h5", "options/biaxial.opts", *options,
                "-pgran_width", width, "-pgran_inertial_number", I0, "-pgran_element_size", size,
                "-pgran_compression", end, "-pgran_snapshots", at)
 
 
 def li(size, *options):
     """Run LI to 1 % compression."""
-    launch.run(RESULTS / f"li_L40_I0.001_h{size}.h5", "options/li.opts", *options,
+    run_on_ranks.run(RESULTS / f"li_L40_I0.001_h{size}.h5", "options/li.opts", *options,
                "-pgran_element_size", size)
 
 
@@ -44,7 +44,7 @@ def runs(figure, sizes, options=()):
 
 def main(figure, sizes="2 1 0.5", *, options=()):
     """Make the runs of a figure and draw it."""
-    from ..output import figures
+    from pgran.output import figures
 
     if figure not in (*RUNS, "fig6", "fig7"):
         raise ValueError(f"{figure}: allowed is fig3 ... fig7")

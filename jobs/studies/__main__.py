@@ -1,4 +1,4 @@
-"""Start a study: python -m pgran.studies NAME [arguments] [options of its runs]
+"""Start a study: python -m studies NAME [arguments] [options of its runs]
 
 Arguments come first; everything from the first option on is passed to the runs. ``NAME -help``
 says what a study asks and which arguments it takes. Runs that were done with the same options are
@@ -11,13 +11,12 @@ import inspect
 import subprocess
 import sys
 
-from .. import __version__
-from ..cli import HELP, STOPPED, TOLD, VERSION, guard_streams
-from ..options import Interrupted
+from pgran import __version__
+from pgran.cli import HELP, REPORTED_ERRORS, STOPPED, VERSION, guard_streams
+from pgran.options import Interrupted
 
 STUDIES = ("section4", "meshes", "posed", "sensitivity", "verify", "growth", "specimen",
-           "primitive", "regime", "spectra", "flows", "flow_spectra", "stopping", "bench", "kill",
-           "launch")
+           "primitive", "regime", "spectra", "flows", "flow_spectra", "stopping", "bench", "kill")
 
 
 def load(name):
@@ -52,13 +51,13 @@ def main(arguments):
         study.main(*call.args, **call.kwargs)
         return 0
     except Interrupted as error:
-        print(f"pgran.studies: {error}", file=sys.stderr)
+        print(f"studies: {error}", file=sys.stderr)
         return STOPPED
-    except TOLD as error:
+    except REPORTED_ERRORS as error:
         message = error.as_option()
     except (ValueError, OSError, subprocess.SubprocessError) as error:
         message = str(error)
-    print(f"pgran.studies: error: {message}", file=sys.stderr)
+    print(f"studies: error: {message}", file=sys.stderr)
     return 1
 
 

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import cases
-from ..theory import specimen as theory
-from . import launch
+from pgran import cases
+from pgran.runs import run_on_ranks
+from pgran.theory import specimen as theory
+
 from .growth import fitted, history
 from .table import Table, result_file
 
@@ -53,7 +54,7 @@ def linearised(*options, steps=STEPS):
 
     Of a pair of complex rates both have the positive imaginary part.
     """
-    made = launch.python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts", "-json",
+    made = run_on_ranks.python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts", "-json",
                          "-dt", ",".join(map(str, steps)), *options, stdout=subprocess.PIPE,
                          text=True)
     return [np.array([complex(real, abs(imaginary)) for real, imaginary in row["growth_rates"]])
@@ -69,7 +70,7 @@ def predicted(*options):
 
 def at_zero(steps, rates):
     """Return the rates of ``steps``, complex arrays, extrapolated: as many as all steps have."""
-    from ..solve.linearised import extrapolated  # starts PETSc
+    from pgran.solve.linearised import extrapolated  # starts PETSc
 
     found = np.array([row[:min(map(len, rates))] for row in rates])
     return np.array([complex(*(extrapolated(steps, part) for part in (rate.real, rate.imag)))
@@ -81,7 +82,7 @@ def arguments(options, stretch=1.0):
 
     ``stretch``: how much wider, and shorter, the specimen has become.
     """
-    parameters = cases.read(launch.parsed(options))
+    parameters = cases.read(run_on_ranks.parsed(options))
     given = cases.create(parameters).specimen
     if given is not None:
         given.update(width=given["width"] * stretch, height=given["height"] / stretch)
@@ -122,7 +123,7 @@ def measured(output, *options, imperfection=0.9999, step=2.5e-4, end=0.02, solve
     ``end`` is a compression, ``solver`` an options file, and ``window`` that of `fitted`. None and
     None where nothing grows.
     """
-    launch.run(output, f"options/{solver}.opts", *launch.QUIET, *options, "-pgran_imperfection",
+    run_on_ranks.run(output, f"options/{solver}.opts", *run_on_ranks.QUIET, *options, "-pgran_imperfection",
                imperfection, "-pgran_step_max", step, "-snes_atol", 1e-7, "-pgran_compression",
                end, "-pgran_snapshots", end)
     I0, time, span = history(output)
@@ -194,6 +195,6 @@ def main(directory="results/specimen", *, options=()):
         table(directory, *options)
         print()
     mode, steady = directory / "mode.h5", (*options, "-pgran_imperfection", 1)
-    if not launch.done(mode, "options/growth.opts", steady):
-        launch.python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts", *steady,
+    if not run_on_ranks.done(mode, "options/growth.opts", steady):
+        run_on_ranks.python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts", *steady,
                       "-dt", STEPS[0], "-mode", mode)

@@ -1,4 +1,4 @@
-"""One run of pgran, unless it is done: launch NAME.h5 FILE.opts [options]
+"""One run of pgran, unless it is done: run_on_ranks NAME.h5 FILE.opts [options]
 
 All studies start their runs here. PGRAN_RANKS (2) is the number of ranks of a run. PGRAN_LAUNCH
 takes the place of ``mpiexec -n PGRAN_RANKS``, for example ``srun`` on a cluster, and PGRAN_PYTHON
@@ -17,7 +17,7 @@ from pathlib import Path
 import h5py
 
 from .. import cases
-from ..cli import STOPPED, given, parsed
+from ..cli import HELP, REPORTED_ERRORS, STOPPED, given, guard_streams, parsed
 from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
 from ..output.checkpoint import checkpoints_of
 from ..output.result import Result
@@ -26,7 +26,7 @@ from ..signals import SIGNALS
 #: Ranks of a run unless a study says otherwise.
 RANKS = int(os.environ.get("PGRAN_RANKS", 2))
 #: Rows that do not change a result. The files of restart and seed are compared by their age.
-IGNORED = ("output", "progress", "restart", "seed", "checkpoint_steps", "checkpoint_minutes",
+IGNORED = ("output", "progress", "restart", "mode_file", "checkpoint_steps", "checkpoint_minutes",
            "picture_every")
 #: Seconds that a process has to end itself and its ranks.
 GRACE = 10.0
@@ -189,7 +189,7 @@ def attributes(path, options_file, options=()):
     if not holds(path, parameters):
         return None
     parts = (getattr(parameters, kind.name).rpartition(":")[0] for kind in cases.KINDS)
-    sources = [name for name in (options_file, parameters.restart, parameters.seed, *parts)
+    sources = [name for name in (options_file, parameters.restart, parameters.mode_file, *parts)
                if name and os.path.isfile(name)]
     if os.path.getmtime(path) < max(map(os.path.getmtime, sources), default=0.0):
         return None
@@ -262,6 +262,25 @@ def run(path, options_file, *options, ranks=None, needed=True):
     return Result(path)
 
 
-def main(path, options_file, *, options=()):
-    """Make one run, unless it is done."""
-    run(path, options_file, *options)
+def main(arguments):
+    """Make the run of the command line ``arguments``, unless it is done; return the exit code."""
+    guard_streams()
+    if len(arguments) < 2 or set(arguments) & set(HELP):
+        print(__doc__)
+        return int(len(arguments) < 2)
+    try:
+        run(*arguments)
+        return 0
+    except Interrupted as error:
+        print(f"pgran.runs.run_on_ranks: {error}", file=sys.stderr)
+        return STOPPED
+    except REPORTED_ERRORS as error:
+        message = error.as_option()
+    except (ValueError, OSError, subprocess.SubprocessError) as error:
+        message = str(error)
+    print(f"pgran.runs.run_on_ranks: error: {message}", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

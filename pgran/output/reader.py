@@ -141,7 +141,7 @@ def begun_from(texts):
     ParameterError
         If the file is no result, or one of another case, model or law.
     """
-    return _taken_over(texts, (*NOT_TAKEN, "seed", "seed_size"), "what begins at a snapshot")[1]
+    return _taken_over(texts, (*NOT_TAKEN, "mode_file", "mode_amplitude"), "what begins at a snapshot")[1]
 
 
 def _taken_over(texts, left_out, what):

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import cases
-from ..theory import profiles
-from . import launch
+from pgran import cases
+from pgran.runs import run_on_ranks
+from pgran.theory import profiles
+
 from .flows import errors
 from .table import Table
 
@@ -43,7 +44,7 @@ def layer(slope, height, *options):
     side = float(height) / ELEMENTS
     return ("-pgran_model", "ngf_primitive", "-pgran_relaxation_time", TIME, "-pgran_slope", slope,
             "-pgran_grading", 2, "-pgran_height", float(height), "-pgran_element_size", side,
-            "-pgran_width", 2 * side, *launch.QUIET, *options)
+            "-pgran_width", 2 * side, *run_on_ranks.QUIET, *options)
 
 
 def flowing(directory, slope, known, *options):
@@ -55,7 +56,7 @@ def flowing(directory, slope, known, *options):
     largest, far = [], []
     for share in FLOWING:
         path = directory / f"flow_{slope}_{share:g}.h5"
-        found = launch.run(path, FILE, *layer(slope, share * known), *TIGHT, *options)
+        found = run_on_ranks.run(path, FILE, *layer(slope, share * known), *TIGHT, *options)
         largest.append(found.snapshots[-1]["fluidity"].max())
         far.append(errors(path)[0])
     # Height as a polynomial of the fluidity, at the fluidity zero.
@@ -70,10 +71,10 @@ def resting(directory, slope, known, *options):
     rates = []
     for share in RESTING:
         path = directory / f"rest_{slope}_{share:g}.h5"
-        launch.run(path, FILE, *layer(slope, share * known), "-ts_type", "beuler",
+        run_on_ranks.run(path, FILE, *layer(slope, share * known), "-ts_type", "beuler",
                    "-pgran_start_fluidity", 0, "-pgran_shear_modulus", RIGID, "-pgran_end_time", 1,
                    *options)
-        rows = json.loads(launch.python(1, "-m", "pgran.eigen", "-pgran_restart", path, "-json",
+        rows = json.loads(run_on_ranks.python(1, "-m", "pgran.eigen", "-pgran_restart", path, "-json",
                                         "-pgran_steady_time", SOFT,
                                         stdout=subprocess.PIPE, text=True).stdout)
         rates.append(rows[0]["computed"])
@@ -84,7 +85,7 @@ def resting(directory, slope, known, *options):
 def followed(directory, slope, height, start, *options):
     """Return the largest fluidity at the start and at the end of a layer followed in time."""
     path = directory / f"time_{slope}_{height:.3f}_{start:g}.h5"
-    found = launch.run(
+    found = run_on_ranks.run(
         path, FILE, *layer(slope, height), "-ts_type", "beuler", "-ts_max_steps", 100000,
         "-pgran_shear_modulus", RIGID, "-pgran_start_fluidity", start, "-pgran_step_max", 20,
         "-pgran_end_time", END, "-pgran_rest_speed", 0, "-pgran_snapshots", 1e-3, *options)
@@ -94,7 +95,7 @@ def followed(directory, slope, height, start, *options):
 def main(directory="results/stopping", *, options=()):
     """Make the runs and the tables."""
     directory = Path(directory)
-    case = cases.create(launch.asked(FILE, *layer(SLOPES[0], 10.0)))
+    case = cases.create(run_on_ranks.asked(FILE, *layer(SLOPES[0], 10.0)))
     amplitude, known = case.parameters.A, {}
     table = Table(directory / "stopping.csv", {
         "slope": "g", "closed form (d)": ".5f", "end of flow (d)": ".5f", "apart": ".1e",

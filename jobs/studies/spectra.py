@@ -10,7 +10,8 @@ import subprocess
 from itertools import product
 from pathlib import Path
 
-from . import launch
+from pgran.runs import run_on_ranks
+
 from .table import Table
 
 #: Models, I0 and wave vectors A d k of the table of single wave vectors.
@@ -27,13 +28,13 @@ RATES = {"computed": ".8g", "analytic": ".8g", "relative error": ".2e"}
 
 def answer(ranks, module, *arguments):
     """Return what a command prints as JSON."""
-    return json.loads(launch.python(ranks, "-m", module, *arguments, "-json",
+    return json.loads(run_on_ranks.python(ranks, "-m", module, *arguments, "-json",
                                     stdout=subprocess.PIPE, text=True).stdout)
 
 
 def eigen(*options):
     """Return the eigenvalues that pgran.eigen finds, a list of dictionaries."""
-    return answer(launch.RANKS, "pgran.eigen", "-options_file", "options/eigen.opts", *options)
+    return answer(run_on_ranks.RANKS, "pgran.eigen", "-options_file", "options/eigen.opts", *options)
 
 
 def values(row):
@@ -60,7 +61,7 @@ def main(directory="results", *, options=()):
     """Make all tables."""
     directory, fine = Path(directory), ("-pgran_cell_elements", 32, *options)
     for model in ("ngf", "li"):
-        launch.python(launch.RANKS, "-m", "pgran.eigen", "-options_file", "options/eigen.opts",
+        run_on_ranks.python(run_on_ranks.RANKS, "-m", "pgran.eigen", "-options_file", "options/eigen.opts",
                       *options, "-pgran_model", model, "-pgran_law", "jop", "-pgran_output",
                       directory / f"spectra_{model}.h5", "-sweep", 8, "-sweep_end", 0.19,
                       "-eps_nev", 4)

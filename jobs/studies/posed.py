@@ -9,8 +9,9 @@ I > I0, that a line up the specimen at L/4 crosses, and the difference of I from
 
 from pathlib import Path
 
-from ..output import band
-from . import launch
+from pgran.output import band
+from pgran.runs import run_on_ranks
+
 from .table import COST, Table, cost
 
 LAWS = "bingham", "barker_gray"
@@ -32,7 +33,7 @@ def main(sizes="2 1 0.5", compression="0.01", directory="results/posed", *, opti
         paths = []
         for size in sizes.split():
             path = Path(directory) / f"{law}_h{size}_c{compression}.h5"
-            took = launch.run(path, "options/li.opts", *launch.QUIET, *options, "-pgran_law", law,
+            took = run_on_ranks.run(path, "options/li.opts", *run_on_ranks.QUIET, *options, "-pgran_law", law,
                               "-pgran_element_size", size, "-pgran_imperfection_size", 2,
                               "-pgran_compression", compression, "-pgran_snapshots", compression,
                               needed=False)

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..output.result import Result
-from . import launch
+from pgran.output.result import Result
+from pgran.runs import run_on_ranks
+
 from .flows import mesh, steady
 from .table import Table
 
@@ -43,7 +44,7 @@ TARGETS = "0,1e3,1e4,1e5,1e6"
 
 def eigenvalues(result, *options):
     """Return what pgran.eigen finds about the last snapshot of a result, a list of dictionaries."""
-    made = launch.python(1, "-m", "pgran.eigen", "-pgran_restart", result, "-json", *options,
+    made = run_on_ranks.python(1, "-m", "pgran.eigen", "-pgran_restart", result, "-json", *options,
                          stdout=subprocess.PIPE, text=True)
     return json.loads(made.stdout)
 
@@ -68,16 +69,16 @@ def measured(result, case, rate, *options):
     result = Path(result)
     mode = result.with_name(f"{result.stem}_mode.h5")
     if not (mode.exists() and mode.stat().st_mtime > result.stat().st_mtime):
-        launch.python(1, "-m", "pgran.eigen", "-pgran_restart", result, "-pgran_output", mode,
+        run_on_ranks.python(1, "-m", "pgran.eigen", "-pgran_restart", result, "-pgran_output", mode,
                       stdout=subprocess.DEVNULL)
     shape, base = (Result(mode).snapshots[0][name] for name in ("velocity", "base_velocity"))
     dt = SHARE / abs(rate)
     first, end = (dt * count for count in BETWEEN)
     path = result.with_name(f"{result.stem}_run.h5")
-    run = launch.run(
-        path, f"options/{case}.opts", *launch.QUIET, *options, "-ts_type", "beuler",
-        "-pgran_inertia", "true", "-pgran_shear_modulus", RIGID, "-pgran_seed", mode,
-        "-pgran_seed_size", float(SIZE * np.abs(base).max()), "-pgran_step_first", dt,
+    run = run_on_ranks.run(
+        path, f"options/{case}.opts", *run_on_ranks.QUIET, *options, "-ts_type", "beuler",
+        "-pgran_inertia", "true", "-pgran_shear_modulus", RIGID, "-pgran_mode_file", mode,
+        "-pgran_mode_amplitude", float(SIZE * np.abs(base).max()), "-pgran_step_first", dt,
         "-pgran_step_max", dt, "-pgran_step_error", 1e6, "-pgran_end_time", end,
         "-pgran_snapshots", first)
     sizes = [((snapshot["velocity"] - base) * shape).sum() for snapshot in run.snapshots]
@@ -117,7 +118,7 @@ def growth(directory, *options):
         for number in NUMBERS:
             for size in SIZES:
                 path = directory / f"square_{model}_{number:g}_{size:g}.h5"
-                launch.run(path, "options/planar_shear.opts", *launch.QUIET, "-pgran_gravity", 0,
+                run_on_ranks.run(path, "options/planar_shear.opts", *run_on_ranks.QUIET, "-pgran_gravity", 0,
                            "-pgran_grading", 1, "-pgran_law", "jop", "-pgran_model", model,
                            "-pgran_width", SQUARE, "-pgran_height", SQUARE, "-pgran_element_size",
                            size, "-pgran_inertial_number", number, *options)

@@ -1,0 +1,1 @@
+"""Runs from Python: in this process, on ranks, and sweeps."""
