@@ -18,6 +18,7 @@ from conftest import ROOT, allowed, discretised, parameters, run_ranks
 from pgran.options import OptionError, ParameterError, SolutionError
 from pgran.output import section4 as figures
 from pgran.runs import run_on_ranks
+from pgran.runs.table import Table, result_file
 from pgran.theory.specimen import growth_rate
 from studies import (
     __main__,
@@ -36,7 +37,6 @@ from studies import (
     stopping,
     verify,
 )
-from studies.table import Table, result_file
 
 FILE = "options/biaxial.opts"
 SMALL = "-pgran_width", 8, "-pgran_height", 24

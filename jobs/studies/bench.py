@@ -32,8 +32,7 @@ import numpy as np
 from pgran.output import band
 from pgran.output.result import Result
 from pgran.runs import run_on_ranks
-
-from .table import Table, result_file
+from pgran.runs.table import Table, result_file
 
 BENCH = Path("results/bench")
 FILE = "options/biaxial.opts"

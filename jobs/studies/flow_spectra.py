@@ -15,9 +15,9 @@ import numpy as np
 
 from pgran.output.result import Result
 from pgran.runs import run_on_ranks
+from pgran.runs.table import Table
 
 from .flows import mesh, steady
-from .table import Table
 
 #: Title, case, options, the option that varies and its values, element sizes (d).
 FLOWS = (

@@ -14,8 +14,7 @@ import numpy as np
 from pgran import cases
 from pgran.output.result import Result
 from pgran.runs import run_on_ranks
-
-from .table import Table
+from pgran.runs.table import Table
 
 #: Henann & Kamrin: the pressure of the plate over phi rho_s G d, phi, the plate's speed over
 #: sqrt(G d), the height of the layer and the inner radius of the ring, d.

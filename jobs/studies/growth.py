@@ -13,8 +13,7 @@ import numpy as np
 from pgran.options import PREFIX, written
 from pgran.output.result import Result
 from pgran.runs import run_on_ranks
-
-from .table import Table
+from pgran.runs.table import Table
 
 ELEMENTS, STEP, SEED = 16, 2e-5, 1e-3
 #: Shear moduli: almost rigid for the growth, softer where points fall below yield; |sigma_1|.

@@ -7,9 +7,9 @@ differences of I between successive meshes, as `pgran.output.band.mesh_differenc
 
 from pgran.output import band
 from pgran.runs import run_on_ranks
+from pgran.runs.table import COST, Table, cost
 
 from .section4 import RESULTS
-from .table import COST, Table, cost
 
 #: Options files of the models.
 FILES = {"ngf": "options/biaxial.opts", "li": "options/li.opts"}

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from pgran.output import band
 from pgran.runs import run_on_ranks
-
-from .table import COST, Table, cost
+from pgran.runs.table import COST, Table, cost
 
 LAWS = "bingham", "barker_gray"
 COLUMNS = {"law": "", "element (d)": "", "I from": ".3e", "I to": ".3e", "localised": "",

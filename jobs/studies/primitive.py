@@ -21,10 +21,10 @@ import numpy as np
 from pgran import cases
 from pgran.output import band
 from pgran.runs import run_on_ranks
+from pgran.runs.table import COST, Table, cost, result_file
 from pgran.theory import waves
 
 from . import specimen
-from .table import COST, Table, cost, result_file
 
 #: t0 over T; none is the steady form.
 SHARES = None, 1e-4, 1e-3, 1e-2, 1e-1, 1.0

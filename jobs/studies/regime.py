@@ -12,9 +12,8 @@ import numpy as np
 from pgran import cases
 from pgran.output import band
 from pgran.runs import run_on_ranks
+from pgran.runs.table import Table, result_file
 from pgran.theory import specimen, waves
-
-from .table import Table, result_file
 
 NUMBERS = 1e-4, 3e-4, 1e-3, 3e-3, 5e-3, 7e-3, 1e-2, 3e-2, 1e-1
 WIDTHS = 20, 40, 60, 80

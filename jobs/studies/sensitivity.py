@@ -10,8 +10,7 @@ from pathlib import Path
 from pgran.options import RUN
 from pgran.output import band
 from pgran.runs import run_on_ranks
-
-from .table import COST, Table, cost, result_file
+from pgran.runs.table import COST, Table, cost, result_file
 
 #: The step error of the base.
 DEFAULT = next(row.default for row in RUN if row.name == "step_error")

@@ -16,10 +16,10 @@ import numpy as np
 
 from pgran import cases
 from pgran.runs import run_on_ranks
+from pgran.runs.table import Table, result_file
 from pgran.theory import specimen as theory
 
 from .growth import fitted, history
-from .table import Table, result_file
 
 #: Half the range of I over I0 between which growth is fitted, at I0 = 0.001 and above. The first
 #: points fall below yield at 0.04; a smaller I0, with mu - mu_s = b I0, takes them there earlier.

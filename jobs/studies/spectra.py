@@ -11,8 +11,7 @@ from itertools import product
 from pathlib import Path
 
 from pgran.runs import run_on_ranks
-
-from .table import Table
+from pgran.runs.table import Table
 
 #: Models, I0 and wave vectors A d k of the table of single wave vectors.
 SINGLE = (*product(("ngf", "li"), ("1e-4", "1e-3", "1e-2", "0.1", "1"), ("0.10,0.03",)),

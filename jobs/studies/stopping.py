@@ -14,10 +14,10 @@ import numpy as np
 
 from pgran import cases
 from pgran.runs import run_on_ranks
+from pgran.runs.table import Table
 from pgran.theory import profiles
 
 from .flows import errors
-from .table import Table
 
 SLOPES = 22, 23, 24, 25, 26, 28, 30
 #: Tolerances of steady flow whose fluidity is nearly zero.

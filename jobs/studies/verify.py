@@ -12,8 +12,7 @@ import numpy as np
 from pgran.options import SolutionError
 from pgran.output import band
 from pgran.runs import run_on_ranks
-
-from .table import Table
+from pgran.runs.table import Table
 
 CASES = {
     "base": (),

@@ -4,7 +4,7 @@ import csv
 import re
 from pathlib import Path
 
-from pgran.options import SolutionError
+from ..options import SolutionError
 
 #: Columns of what a run took: time steps, repeated ones, iterations, seconds and memory.
 COST = {"steps": "d", "repeated": "d", "Newton": "d", "linear": "d", "s": ".0f", "MB": ".0f"}
