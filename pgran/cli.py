@@ -98,7 +98,7 @@ def as_json(answer):
     return json.dumps(answer, allow_nan=False)
 
 
-def own(name, kind, meaning, default=None, **more):
+def command_option(name, kind, meaning, default=None, **more):
     """Return the row of an option that one command has; its name carries no prefix."""
     return Option(name, kind, default, more.pop("unit", ""), meaning, prefix="", **more)
 
@@ -178,7 +178,7 @@ def start(arguments, action, description="", rows=(), slepc=False,
                           flush=True)
                 return 0 if wants_help else 1
             parameters = cases.read(complete(texts))
-            check_names(everything, rows, parameters.rows)
+            check_names(everything, rows, parameters.options)
             values = SimpleNamespace(**{row.name: row.parse(texts[row.name]) if row.name in texts
                                         else row.default for row in rows})
             with strict(texts):
@@ -343,9 +343,9 @@ def _rows_for_help(texts):
     try:
         return cases.read({name: text for name, text in texts.items()
                            if name[len(options.PREFIX):] in {kind.name for kind in cases.KINDS}}
-                          ).rows
+                          ).options
     except REPORTED_ERRORS:
-        return cases.read({}).rows
+        return cases.read({}).options
 
 
 # The command line, before PETSc reads it
@@ -374,7 +374,7 @@ def check_sources(words):
     for path in (Path(os.path.expanduser("~"), ".petscrc"), Path(".petscrc"), Path("petscrc")):
         if "-skip_petscrc" not in words + more and os.path.exists(path):
             found.update(read_file(path, label=path))
-    return {**found, **given(None, *more), **given(None, *words)}
+    return {**found, **combined_options(None, *more), **combined_options(None, *words)}
 
 
 def check_name(word, where):
@@ -470,7 +470,7 @@ def parsed(tokens):
     return texts
 
 
-def given(options_file, *words):
+def combined_options(options_file, *words):
     """Return {name: text} of an options file (None: of none) and of options that win over it.
 
     Further files that the options name win over the first one. Raises `pgran.options.OptionError`
@@ -671,7 +671,7 @@ def answer(arguments, name, action, description, rows, operands="", runs=False):
     try:
         wants_help, everything_asked = _help_asked(arguments)
         if not arguments or wants_help:
-            more = (f"\n\n{options.help_text(cases.read({}).rows)}" if everything_asked else
+            more = (f"\n\n{options.help_text(cases.read({}).options)}" if everything_asked else
                     f"\n\n-help {ALL} shows the options of a run too.") if runs else ""
             print(f"{description}\nOptions:\n\n{options.help_text(rows)}{more}")
             return 0 if arguments else 1

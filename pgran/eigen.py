@@ -29,25 +29,25 @@ from pathlib import Path
 import numpy as np
 
 from . import cases
-from .cli import JSON, REPORTED_ERRORS, as_json, own, report_unread, start
+from .cli import JSON, REPORTED_ERRORS, as_json, command_option, report_unread, start
 from .options import OptionError
 
-ROWS = (
-    own("wave_vector", "floats", "wave vector A d k; the fastest one unless given", length=2),
-    own("refinement", "ints", "elements each way for which the fastest mode is repeated", low=2),
-    own("target", "floats", "where the spectrum is sought", unit="gdot0"),
-    own("dt", "float", "step that is linearised about a snapshot whose mesh moves", 1e-3,
+OPTIONS = (
+    command_option("wave_vector", "floats", "wave vector A d k; the fastest one unless given", length=2),
+    command_option("refinement", "ints", "elements each way for which the fastest mode is repeated", low=2),
+    command_option("target", "floats", "where the spectrum is sought", unit="gdot0"),
+    command_option("dt", "float", "step that is linearised about a snapshot whose mesh moves", 1e-3,
         unit="1/gdot0", low=0.0, open_low=True),
-    own("sweep", "int", "compare m x m wave vectors of the first quadrant with the theory; a CSV "
+    command_option("sweep", "int", "compare m x m wave vectors of the first quadrant with the theory; a CSV "
         "beside the output is written as it goes", low=2),
-    own("sweep_end", "float", "largest component of these wave vectors", 0.15, low=0.0,
+    command_option("sweep_end", "float", "largest component of these wave vectors", 0.15, low=0.0,
         open_low=True),
     JSON)
 
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
-    return start(arguments, run, __doc__, ROWS, slepc=True, complete=complete)
+    return start(arguments, run, __doc__, OPTIONS, slepc=True, complete=complete)
 
 
 def complete(texts):

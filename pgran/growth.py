@@ -13,21 +13,21 @@ creeps are printed beside it.
 
 import sys
 
-from .cli import JSON, as_json, own, report_unread, start
+from .cli import JSON, as_json, command_option, report_unread, start
 from .options import OptionError, ParameterError
 
-ROWS = (
-    own("dt", "floats", "steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True),
-    own("without", "str", "parts of the coupling that are left out, with commas: faces, geometry, "
+OPTIONS = (
+    command_option("dt", "floats", "steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True),
+    command_option("without", "str", "parts of the coupling that are left out, with commas: faces, geometry, "
         "interior, spin, memory (pgran.solve.linearised.PARTS says what each is)"),
-    own("mode", "str", "file for the fastest mode of the last step, with a picture: its "
+    command_option("mode", "str", "file for the fastest mode of the last step, with a picture: its "
         "displacement, velocity, fluidity and pressure"),
     JSON)
 
 
 def main(arguments):
     """Run with the command line ``arguments``; return the exit code. Collective."""
-    return start(arguments, run, __doc__, ROWS, slepc=True)
+    return start(arguments, run, __doc__, OPTIONS, slepc=True)
 
 
 def run(parameters, asked, comm):

@@ -10,7 +10,7 @@ the band, averaged along it), or why there is no band. `pgran.output.band` descr
 
 import sys
 
-from .cli import JSON, answer, as_json, own
+from .cli import JSON, answer, as_json, command_option
 from .options import OptionError, plain
 from .output import band
 from .output.reader import ResultError
@@ -22,7 +22,7 @@ MESH = "element_size", "cell_elements", "grading", "imperfection_size"
 MATERIAL = "shear_modulus", "inertia"
 #: Decimals to which a snapshot's place in the run is compared.
 DIGITS = 9
-ROWS = own("meshes", "flag", "compare successive files instead", False), JSON
+OPTIONS = command_option("meshes", "flag", "compare successive files instead", False), JSON
 
 
 def compare(paths, in_json):
@@ -55,7 +55,7 @@ def problem(result):
     if not result.snapshots:
         raise ResultError(result.path, "it holds 0 snapshots")
     counted, parameters = result.case.progress_name, result.parameters
-    found = {f"-{row.prefix}{row.name}": getattr(parameters, row.name) for row in parameters.rows
+    found = {f"-{row.prefix}{row.name}": getattr(parameters, row.name) for row in parameters.options
              if (row.shared or row.name in MATERIAL) and row.name not in MESH}
     found[counted] = round(float(result.snapshots[-1].attributes[counted]), DIGITS)
     return found
@@ -92,7 +92,7 @@ def run(asked, paths):
 
 def main(arguments):
     """Measure the files named in ``arguments``; return the exit code."""
-    return answer(arguments, "measure", run, __doc__, ROWS, operands="NAME.h5")
+    return answer(arguments, "measure", run, __doc__, OPTIONS, operands="NAME.h5")
 
 
 if __name__ == "__main__":

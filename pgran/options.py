@@ -296,14 +296,14 @@ RUN = (
 class Parameters(SimpleNamespace):
     """The resolved options: one attribute for each row.
 
-    `rows` are the rows themselves, and `part` gives the classes of case, law and model.
+    `options` are the `Option`s themselves, and `part` gives the classes of case, law and model.
     """
 
     def __init__(self, rows, parts, **values):
         super().__init__(_rows=tuple(rows), _parts=dict(parts), **values)
 
     @property
-    def rows(self):
+    def options(self):
         """The rows of the table that these parameters were read by."""
         return self._rows
 
@@ -382,8 +382,8 @@ class Component:
             refuse(f"{wanted} is not a subclass of {self.base.__module__}.{self.base.__name__}")
         if missing := sorted(found.__abstractmethods__):
             refuse(f"{wanted} misses {', '.join(missing)}")
-        if not all(isinstance(row, Option) for row in found.rows):
-            refuse(f"rows of {wanted} must be a tuple of pgran.options.Option")
+        if not all(isinstance(row, Option) for row in found.options):
+            refuse(f"options of {wanted} must be a tuple of pgran.options.Option")
         return found
 
 
@@ -423,7 +423,7 @@ def table(parts):
     """
     rows = {row.name: row for row in RUN}
     for part in parts.values():
-        rows.update((row.name, row) for row in part.rows)
+        rows.update((row.name, row) for row in part.options)
     return rows
 
 
@@ -481,7 +481,7 @@ def read(given, kinds, stored=False):
 def _owners(name, kinds):
     """The parts that have an option, as ``-pgran_case biaxial``."""
     return [f"-{PREFIX}{kind.name} {part}" for kind in kinds for part in kind.names
-            if any(row.name == name for row in kind.load(part).rows)]
+            if any(row.name == name for row in kind.load(part).options)]
 
 
 def hint(name, known, prefix=PREFIX):
@@ -532,7 +532,7 @@ def markdown(kinds):
     """Return all tables in Markdown: every run's, and those of each case, law and model."""
     titles = {"case": "Case", "law": "Law", "model": "Model"}
     parts = [("Every run", RUN)] + [
-        (f"{titles[kind.name]} `{name}`", kind.load(name).rows)
+        (f"{titles[kind.name]} `{name}`", kind.load(name).options)
         for kind in kinds for name in kind.names]
     return "\n".join(f"## {title}\n\n{markdown_table(rows) if rows else 'No options of its own.'}"
                      for title, rows in parts).rstrip("\n") + "\n"

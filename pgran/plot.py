@@ -16,27 +16,27 @@ Quantities:
 import sys
 from pathlib import Path
 
-from .cli import answer, own
+from .cli import answer, command_option
 from .options import OptionError
 from .output.result import QUANTITIES, Result
 
-ROWS = (
-    own("field", "str", "quantities to draw, with commas between them", "inertial_number"),
-    own("snapshot", "int", "only this one; a negative number counts from the end"),
-    own("together", "flag", "one picture of all files and snapshots on one scale", False),
-    own("format", "str", "png, svg or pdf", "png"),
-    own("output", "str", "name of the picture of -together, -line and -history"),
-    own("limits", "floats", "two ends of the colour scale"),
-    own("log", "flag", "a logarithmic scale", False),
-    own("mesh", "flag", "draw the elements", False),
-    own("arrows", "flag", "draw the velocity", False),
-    own("band", "flag", "draw the shear band, its angle and its width", False),
-    own("no_outline", "flag", "leave out where the material was at the start", False),
-    own("line", "floats", "a profile from x1,x2 to x1,x2 instead of a picture", unit="d"),
-    own("history", "str", "curves of these columns of the history, with commas between them, "
+OPTIONS = (
+    command_option("field", "str", "quantities to draw, with commas between them", "inertial_number"),
+    command_option("snapshot", "int", "only this one; a negative number counts from the end"),
+    command_option("together", "flag", "one picture of all files and snapshots on one scale", False),
+    command_option("format", "str", "png, svg or pdf", "png"),
+    command_option("output", "str", "name of the picture of -together, -line and -history"),
+    command_option("limits", "floats", "two ends of the colour scale"),
+    command_option("log", "flag", "a logarithmic scale", False),
+    command_option("mesh", "flag", "draw the elements", False),
+    command_option("arrows", "flag", "draw the velocity", False),
+    command_option("band", "flag", "draw the shear band, its angle and its width", False),
+    command_option("no_outline", "flag", "leave out where the material was at the start", False),
+    command_option("line", "floats", "a profile from x1,x2 to x1,x2 instead of a picture", unit="d"),
+    command_option("history", "str", "curves of these columns of the history, with commas between them, "
         "instead of a picture"),
-    own("movie", "str", "a movie of all snapshots instead of pictures, NAME.gif or NAME.mp4"),
-    own("show", "flag", "an interactive window instead of a picture", False))
+    command_option("movie", "str", "a movie of all snapshots instead of pictures, NAME.gif or NAME.mp4"),
+    command_option("show", "flag", "an interactive window instead of a picture", False))
 __doc__ += "".join(f"\n    {name:16} {quantity.meaning}" for name, quantity in QUANTITIES.items())
 __doc__ += "\n"
 
@@ -107,7 +107,7 @@ def drawn(asked, paths):
 
 def main(arguments):
     """Draw the files named in ``arguments``; return the exit code."""
-    return answer(arguments, "plot", run, __doc__, ROWS, operands="NAME.h5")
+    return answer(arguments, "plot", run, __doc__, OPTIONS, operands="NAME.h5")
 
 
 if __name__ == "__main__":

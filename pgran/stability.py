@@ -24,27 +24,27 @@ import sys
 
 import numpy as np
 
-from .cli import JSON, answer, as_json, own
+from .cli import JSON, answer, as_json, command_option
 from .options import OptionError
 from .theory import specimen, turning, waves
 from .theory.waves import BASE_FLOWS, Coefficients
 
 #: The model that -posedness is about.
 LOCAL = "li"
-ROWS = (
-    own("wave_vector", "floats", "wave vector A d k (sqrt(nu_I) d k for IG), 2 or 3 numbers"),
-    own("cutoff", "flag", "find the cut-off and the fastest wave vector", False),
-    own("posedness", "flag", "find where the local rheology is ill-posed in plane flow: C(I) > 0",
+OPTIONS = (
+    command_option("wave_vector", "floats", "wave vector A d k (sqrt(nu_I) d k for IG), 2 or 3 numbers"),
+    command_option("cutoff", "flag", "find the cut-off and the fastest wave vector", False),
+    command_option("posedness", "flag", "find where the local rheology is ill-posed in plane flow: C(I) > 0",
         False),
-    own("specimen", "flag", "growth rate of the specimen between slipping plates", False),
-    own("base_flow", "str", "velocity gradient: pure_shear, simple_shear, or L0 as 4 or 9 "
+    command_option("specimen", "flag", "growth rate of the specimen between slipping plates", False),
+    command_option("base_flow", "str", "velocity gradient: pure_shear, simple_shear, or L0 as 4 or 9 "
         "numbers, row by row", "pure_shear"),
-    own("convection", "flag", "keep the convective terms of (A 7)", False),
-    own("amplification", "flag", "follow the turning wave vector", False),
-    own("end", "float", "time until which it is followed", 1.0, unit="1/gdot0", low=0.0,
+    command_option("convection", "flag", "keep the convective terms of (A 7)", False),
+    command_option("amplification", "flag", "follow the turning wave vector", False),
+    command_option("end", "float", "time until which it is followed", 1.0, unit="1/gdot0", low=0.0,
         open_low=True),
-    own("half_waves", "int", "half waves along the specimen", 1, low=1),
-    own("parity", "str", "whether both faces move the same way or opposite ways", "sway",
+    command_option("half_waves", "int", "half waves along the specimen", 1, low=1),
+    command_option("parity", "str", "whether both faces move the same way or opposite ways", "sway",
         choices=("sway", "barrel")),
     JSON)
 
@@ -96,7 +96,7 @@ def analyse(parameters, asked):
             ("convection", ["wave_vector"]), ("amplification", ["wave_vector"]),
             ("base_flow", ["wave_vector", "cutoff"]), ("half_waves", ["specimen"]),
             ("parity", ["specimen"])):
-        changed = getattr(asked, name) != next(row.default for row in ROWS if row.name == name)
+        changed = getattr(asked, name) != next(row.default for row in OPTIONS if row.name == name)
         if changed and questions[0] not in questions_of:
             raise OptionError(f"-{name}: allowed only with -{' or -'.join(questions_of)}")
     if asked.end != 1.0 and not asked.amplification:
@@ -216,7 +216,7 @@ def run(parameters, asked):
 
 def main(arguments):
     """Answer the command line ``arguments``; return the exit code."""
-    return answer(arguments, "stability", run, __doc__, ROWS, runs=True)
+    return answer(arguments, "stability", run, __doc__, OPTIONS, runs=True)
 
 
 if __name__ == "__main__":

@@ -12,18 +12,18 @@ import time
 
 import numpy as np
 
-from .cli import answer, own
+from .cli import answer, command_option
 from .options import OptionError, not_among
 from .output import progress
 from .output.files import is_running
 from .output.result import Result
 
-ROWS = (
-    own("every", "float", "seconds between two looks", 5.0, unit="s", low=0.1),
-    own("silence", "float", "seconds without a change of the file after which a run of another "
+OPTIONS = (
+    command_option("every", "float", "seconds between two looks", 5.0, unit="s", low=0.1),
+    command_option("silence", "float", "seconds without a change of the file after which a run of another "
         "machine counts as ended", 1800.0, unit="s", low=1.0),
-    own("once", "flag", "look once", False),
-    own("column", "str", "column of the history that is drawn", "inertial_number_max"))
+    command_option("once", "flag", "look once", False),
+    command_option("column", "str", "column of the history that is drawn", "inertial_number_max"))
 #: Characters of the curve, across and up.
 SIZE = 64, 12
 
@@ -117,7 +117,7 @@ def run(asked, paths):
 
 def main(arguments):
     """Watch the files named in ``arguments``; return the exit code."""
-    return answer(arguments, "watch", run, __doc__, ROWS, operands="NAME.h5")
+    return answer(arguments, "watch", run, __doc__, OPTIONS, operands="NAME.h5")
 
 
 if __name__ == "__main__":

@@ -102,7 +102,7 @@ def rows():
     """Every row of every part once, with the options that bring the part along."""
     seen = set()
     parts = [((), options.RUN)] + [
-        ((f"-pgran_{kind.name}", name), kind.load(name).rows)
+        ((f"-pgran_{kind.name}", name), kind.load(name).options)
         for kind in cases.KINDS for name in kind.names]
     for given, found in parts:
         for row in found:

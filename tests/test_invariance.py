@@ -88,7 +88,7 @@ from pgran.cases.biaxial import Biaxial
 class Pascal(Biaxial):
     '''The specimen in Pa, with |sigma_1| = 2.5e4 Pa, instead of in |sigma_1|.'''
 
-    rows = Biaxial.rows
+    options = Biaxial.options
     stress_unit = "Pa"
     unit = 2.5e4
 

@@ -9,13 +9,13 @@ from conftest import ROOT, parameters, pgran, refused, run_ranks
 
 from pgran import cases, cli, options
 
-ROWS = [(kind, row) for kind, rows in [("run", options.RUN)] + [
-    (f"{part.name} {name}", part.load(name).rows) for part in cases.KINDS for name in part.names]
+OPTIONS = [(kind, row) for kind, rows in [("run", options.RUN)] + [
+    (f"{part.name} {name}", part.load(name).options) for part in cases.KINDS for name in part.names]
     for row in rows]
 
 
-@pytest.mark.parametrize("row", [row for _, row in ROWS],
-                         ids=[f"{kind}-{row.name}" for kind, row in ROWS])
+@pytest.mark.parametrize("row", [row for _, row in OPTIONS],
+                         ids=[f"{kind}-{row.name}" for kind, row in OPTIONS])
 def test_every_option_is_documented(row):
     assert row.kind in ("float", "int", "bool", "str", "floats")
     assert len(row.meaning) > 10
@@ -26,7 +26,7 @@ def test_every_option_is_documented(row):
 
 
 def test_names_that_others_rely_on_are_there():
-    assert {row.name for _, row in ROWS} >= {
+    assert {row.name for _, row in OPTIONS} >= {
         "case", "model", "law", "mu_s", "mu_2", "b", "A", "phi", "inertial_number", "width",
         "height", "element_size", "shear_modulus", "inertia", "imperfection", "compression",
         "snapshots", "output", "restart"}
@@ -127,7 +127,7 @@ def test_help_is_a_page_that_says_where_the_rest_is():
 def test_help_prints_the_rows_of_case_law_and_model(given):
     arguments = [text for name, value in given.items() for text in (f"-pgran_{name}", value)]
     text = run_ranks(0, "-m", "pgran", *arguments, "-help", "all", limit=60).stdout
-    assert options.help_text(parameters(**given).rows) in text
+    assert options.help_text(parameters(**given).options) in text
 
 
 def test_option_tables_of_the_documentation_are_current():
@@ -191,7 +191,7 @@ def test_a_law_that_cannot_be_had_is_told_why(text, message):
 
 def test_a_case_is_one_new_file(tmp_path):
     """The file alone gives a case its name, its options, and the words of others about them."""
-    row = ('from pgran.options import positive\n', '    rows = positive("depth", 2.0, "d", '
+    row = ('from pgran.options import positive\n', '    options = positive("depth", 2.0, "d", '
            '"depth of the layer in which the flow is"),\n')
     text = CASE.replace("    shape = 2, 3\n", "    shape = 2, 3\n" + row[1])
     (tmp_path / "layer.py").write_text(row[0] + text.split("class Lacking")[0])

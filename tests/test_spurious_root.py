@@ -132,7 +132,7 @@ def test_the_jacobian_with_a_limited_length_is_the_derivative_of_the_residual():
 
 def test_pseudo_time_leaves_the_root_at_the_yield_value():
     """The start is the spurious steady flow itself: its residual vanishes."""
-    with run_in_process.database(run_on_ranks.given(ROOT / "options" / "steady.opts", "-pgran_case", "periodic",
+    with run_in_process.database(run_on_ranks.combined_options(ROOT / "options" / "steady.opts", "-pgran_case", "periodic",
                                     "-pgran_cell_elements", 2, "-pgran_imperfection", 1)):
         form = discretised(case="periodic", cell_elements=2, imperfection=1)
         law = form.material.law

@@ -75,7 +75,7 @@ def written_result(path, *options, complete=True):
 
 def test_a_second_options_file_counts(tiny):
     options = "-options_file", ROOT / "options" / "large.opts", "-pgran_width", 8
-    found = run_on_ranks.given(FILE, *options)
+    found = run_on_ranks.combined_options(FILE, *options)
     assert found["pgran_coarse_correction"] == "true" and found["pgran_width"] == "8"
     assert "options_file" not in found and found["pc_type"] == "fieldsplit"
     assert not run_on_ranks.done(tiny, FILE, (*TINY, *options[:2]))

@@ -116,7 +116,7 @@ class Relaxing(NGF):
     A: float
     relaxation_time: float
 
-    rows = (*NGF.rows, positive("relaxation_time", 3.0, "1/gdot0", "time of the fluidity"))
+    rows = (*NGF.options, positive("relaxation_time", 3.0, "1/gdot0", "time of the fluidity"))
 
     @property
     def storage(self):

@@ -15,7 +15,7 @@ from pgran.options import BOTH, positive
 class PlanarShear(Case):
     """A layer of height H under a plate that shears it and presses on it."""
 
-    rows = (
+    options = (
         positive("inertial_number", 0.01, "", "I0 = gdot0 d sqrt(rho_s/P_w)", shared=BOTH),
         positive("width", 4.0, "d", "length of the periodic layer", shared=BOTH),
         positive("height", 20.0, "d", "height H of the layer", shared=BOTH),

@@ -22,7 +22,7 @@ class PowerLaw(Law):
     c: float
     n: float
 
-    rows = (positive("mu_s", 0.26, "", "static yield value of the stress ratio", shared=BOTH),
+    options = (positive("mu_s", 0.26, "", "static yield value of the stress ratio", shared=BOTH),
             positive("c", 0.8, "", "mu_loc - mu_s at I = 1", shared=BOTH),
             positive("n", 0.5, "", "power of the inertial number", shared=BOTH))
 

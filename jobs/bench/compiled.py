@@ -16,7 +16,7 @@ import time
 import numpy as np
 
 from pgran.cli import JSON, start
-from studies.one_step import ROWS
+from studies.one_step import OPTIONS
 
 
 def best(action, ranks, repeats=5):
@@ -151,4 +151,4 @@ def action(parameters, asked, comm):
 
 
 if __name__ == "__main__":
-    sys.exit(start(sys.argv, action, __doc__, (*ROWS, JSON)))
+    sys.exit(start(sys.argv, action, __doc__, (*OPTIONS, JSON)))

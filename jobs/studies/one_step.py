@@ -14,16 +14,16 @@ import resource
 import sys
 import time
 
-from pgran.cli import own, start
+from pgran.cli import command_option, start
 
 #: The rows that name the state from which a step starts.
 SNAPSHOT = (
-    own("from", "str", "result file with the snapshot"),
-    own("snapshot", "int", "which snapshot; a negative number counts from the end", -1))
-ROWS = (
+    command_option("from", "str", "result file with the snapshot"),
+    command_option("snapshot", "int", "which snapshot; a negative number counts from the end", -1))
+OPTIONS = (
     *SNAPSHOT,
-    own("dt", "float", "size of the step", 1e-3, unit="1/gdot0", low=0.0, open_low=True),
-    own("name", "str", "what the line of JSON calls this step", ""))
+    command_option("dt", "float", "size of the step", 1e-3, unit="1/gdot0", low=0.0, open_low=True),
+    command_option("name", "str", "what the line of JSON calls this step", ""))
 
 
 def one_step(parameters, comm, path, number, dt):
@@ -88,7 +88,7 @@ def action(parameters, asked, comm):
 
 def main(arguments):
     """Solve the step of the command line ``arguments``; return the exit code. Collective."""
-    return start(arguments, action, __doc__, ROWS)
+    return start(arguments, action, __doc__, OPTIONS)
 
 
 if __name__ == "__main__":

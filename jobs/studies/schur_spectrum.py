@@ -15,15 +15,15 @@ import sys
 
 import numpy as np
 
-from pgran.cli import own, start
+from pgran.cli import command_option, start
 from pgran.options import OptionError
 
 from .one_step import SNAPSHOT
 from .systems import first_system, start_of_steps
 
-ROWS = (
+OPTIONS = (
     *SNAPSHOT,
-    own("dt", "float", "size of the step", 3e-4, unit="1/gdot0", low=0.0, open_low=True))
+    command_option("dt", "float", "size of the step", 3e-4, unit="1/gdot0", low=0.0, open_low=True))
 
 
 def eigenvalues(parameters, comm, path, number, dt):
@@ -71,4 +71,4 @@ def action(parameters, asked, comm):
 
 
 if __name__ == "__main__":
-    sys.exit(start(sys.argv, action, __doc__, ROWS))
+    sys.exit(start(sys.argv, action, __doc__, OPTIONS))

@@ -11,13 +11,13 @@ the iterations, or nothing (null) where the solver did not converge. PETSc's opt
 import json
 import sys
 
-from pgran.cli import own, start
+from pgran.cli import command_option, start
 
 from .one_step import SNAPSHOT
 
-ROWS = (
+OPTIONS = (
     *SNAPSHOT,
-    own("dt", "floats", "sizes of the step", (1e-3,), unit="1/gdot0", low=0.0, open_low=True))
+    command_option("dt", "floats", "sizes of the step", (1e-3,), unit="1/gdot0", low=0.0, open_low=True))
 
 
 def systems(parameters, comm, path, number, steps):
@@ -77,4 +77,4 @@ def action(parameters, asked, comm):
 
 
 if __name__ == "__main__":
-    sys.exit(start(sys.argv, action, __doc__, ROWS))
+    sys.exit(start(sys.argv, action, __doc__, OPTIONS))

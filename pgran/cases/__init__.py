@@ -56,7 +56,7 @@ class Case(ABC):
 
     Attributes
     ----------
-    rows : tuple of pgran.options.Option
+    options : tuple of pgran.options.Option
         The case's own options. A row with the name of a common one takes its place. The rows of
         `TIME` are added unless the case has a row named snapshots.
     periodic : tuple of bool
@@ -92,7 +92,7 @@ class Case(ABC):
         What `count` returns; the attribute of a snapshot that says how far the run was.
     """
 
-    rows = ()
+    options = ()
     periodic = False, False
     moving = True
     max_coarse_size = 17.0
@@ -108,8 +108,8 @@ class Case(ABC):
 
     def __init_subclass__(cls, **more):
         super().__init_subclass__(**more)
-        if not any(row.name == "snapshots" for row in cls.rows):
-            cls.rows = (*cls.rows, *TIME)
+        if not any(row.name == "snapshots" for row in cls.options):
+            cls.options = (*cls.options, *TIME)
 
     def __init__(self, parameters):
         self.parameters = parameters
@@ -349,7 +349,7 @@ KINDS = CASES, LAWS, MODELS
 
 def _pickled(parameters):
     """Pickle `pgran.options.Parameters` by the names of their parts, which may come from files."""
-    return _unpickled, ({row.name: getattr(parameters, row.name) for row in parameters.rows},)
+    return _unpickled, ({row.name: getattr(parameters, row.name) for row in parameters.options},)
 
 
 def _unpickled(values):

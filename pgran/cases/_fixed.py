@@ -21,7 +21,7 @@ def gravity(default, meaning, unit="P_w/d"):
     return Option("gravity", "float", default, unit, meaning, low=0.0, shared=("restart",))
 
 
-def rows(wall_fluidity="natural", element_size=0.5):
+def options(wall_fluidity="natural", element_size=0.5):
     """Return the rows of the mesh and of the walls, with the defaults of a case."""
     return (
         positive("element_size", element_size, "d", "mean side of an element; it divides the "

@@ -21,12 +21,12 @@ MULTIPLE = 8
 class AnnularShear(_fixed.FixedMesh):
     """A ring between a cylinder that turns and one that rests."""
 
-    rows = (
+    options = (
         positive("inertial_number", 0.01, "", "I0 = gdot0 d sqrt(rho_s/P_w), with the angular "
                  "velocity gdot0 of the inner wall", "(1.1)", shared=BOTH),
         _fixed.size("inner_radius", 10.0, "radius R_i of the inner wall"),
         _fixed.size("outer_radius", 20.0, "radius R_o of the outer wall"),
-        *_fixed.rows(element_size=1.0))
+        *_fixed.options(element_size=1.0))
     periodic = True, False
     stress_unit = "P_w"
     walls = "bottom", "top"

@@ -22,7 +22,7 @@ _RESTART = ("restart",)
 class Biaxial(PureShear):
     """The specimen between two plates; the run is counted by compression."""
 
-    rows = (
+    options = (
         *PureShear.SIZE,
         positive("element_size", 2.0, "d", "side of an element; it divides width and height",
                  shared=_RESTART),

@@ -17,13 +17,13 @@ from . import _fixed
 class InclinedPlane(_fixed.Layer):
     """A layer that its weight drives down a slope."""
 
-    rows = (
+    options = (
         _fixed.GRAINS_RATE,
         _fixed.size("width", 4.0, "length of the periodic layer"),
         _fixed.size("height", 20.0, "height H of the layer"),
         Option("slope", "float", 25.0, "degrees", "angle of the plane with the horizontal",
                low=0.0, high=90.0, open_high=True, shared=("restart",)),
-        *_fixed.rows(wall_fluidity="zero"))
+        *_fixed.options(wall_fluidity="zero"))
     stress_unit = "phi rho_s G d"
     walls = ("bottom",)
     free_surfaces = ("top",)

@@ -17,7 +17,7 @@ from . import PureShear
 class Periodic(PureShear):
     """A cell of homogeneous material without boundary."""
 
-    rows = (
+    options = (
         *PureShear.SIZE,
         Option("cell_elements", "int", 16, "", "elements each way", low=2),
         Option("imperfection", "float", 0.99, "", "yield value of the central element over mu_s; 1 "

@@ -17,13 +17,13 @@ from . import _fixed, pressure
 class PlanarShear(_fixed.Layer):
     """A layer under a plate that shears it and presses on it."""
 
-    rows = (
+    options = (
         positive("inertial_number", 0.01, "", "I0 = gdot0 d sqrt(rho_s/P_w), with gdot0 = V/H",
                  "(1.1)", shared=BOTH),
         _fixed.size("width", 4.0, "length of the periodic layer"),
         _fixed.size("height", 20.0, "height H of the layer"),
         _fixed.gravity(0.0, "weight of the material, phi rho_s G d/P_w"),
-        *_fixed.rows())
+        *_fixed.options())
     stress_unit = "P_w"
     walls = "bottom", "top"
     observables = {"shear_stress": "stress"}

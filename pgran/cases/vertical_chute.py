@@ -16,13 +16,13 @@ from . import _fixed, pressure
 class VerticalChute(_fixed.FixedMesh):
     """Material that falls between two walls."""
 
-    rows = (
+    options = (
         _fixed.GRAINS_RATE,
         _fixed.size("width", 20.0, "distance W of the walls"),
         _fixed.size("height", 4.0, "length of the periodic chute"),
         _fixed.gravity(0.05, "weight of the material, phi rho_s G d/P_w; the walls bear mu = "
                        "gravity W/2"),
-        *_fixed.rows())
+        *_fixed.options())
     periodic = False, True
     stress_unit = "P_w"
     walls = "left", "right"

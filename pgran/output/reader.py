@@ -126,7 +126,7 @@ def continued(texts):
     theirs, merged = _taken_over(texts, NOT_TAKEN, "a run that goes on")
     mine = cases.read(merged)
     _refuse_changes(path, "a run that goes on", texts, theirs, [
-        row.name for row in mine.rows if not row.changeable
+        row.name for row in mine.options if not row.changeable
         and getattr(mine, row.name) != getattr(theirs, row.name, None)])
     return {f"{PREFIX}output": path, **merged}
 

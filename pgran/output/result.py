@@ -148,7 +148,7 @@ class Result:
                 Snapshot(self, name, dict(file["snapshots"][name].attrs), target)
                 for name, target in linked(file).items()]
         self.options = {row.name: getattr(self.parameters, row.name)
-                        for row in self.parameters.rows}
+                        for row in self.parameters.options}
 
     def __getstate__(self):
         """Leave out the case, which is made again: it may hold functions."""

@@ -631,7 +631,7 @@ def _read_fields(parameters, start, number, form, names, optional=()):
             if start == "mode_file" and theirs.restart and not set(optional) <= set(wanted):
                 refuse("its mode is one of a mesh that has moved; a run can begin with modes of "
                        "reference flows and of fixed meshes")
-            for row in parameters.rows:
+            for row in parameters.options:
                 mine, other = (getattr(of, row.name, None) for of in (parameters, theirs))
                 if start in row.shared and mine != other:
                     raise ParameterError(row.name, mine, f"{path} was made with {other}")

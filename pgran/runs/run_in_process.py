@@ -10,10 +10,10 @@ import petsc4py
 from .. import cases
 from ..cli import (
     check_names,
+    combined_options,
     database,
     decimal_points,
     end_unless_shared,
-    given,
     given_texts,
     petsc_words,
     refuse_at_start,
@@ -70,7 +70,7 @@ def run(path, options_file, *options):
     with LOCK:
         words = world.bcast(run_on_ranks.pending(path, options_file, *options))
         if words is not None:
-            texts = given(options_file, *words)
+            texts = combined_options(options_file, *words)
             refuse_at_start(texts)
             apart = world.Dup()  # as in `pgran.cli.start`
             try:
@@ -93,7 +93,7 @@ def _solve(asked, apart):
     try:
         texts = given_texts()
         parameters = cases.read(complete(texts))
-        check_names(PETSc.Options().getAll(), (), parameters.rows)
+        check_names(PETSc.Options().getAll(), (), parameters.options)
         with strict(texts):
             work = prepared(parameters, PETSc.COMM_WORLD, asked)
             work.do()

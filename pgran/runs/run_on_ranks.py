@@ -17,7 +17,7 @@ from pathlib import Path
 import h5py
 
 from .. import cases
-from ..cli import HELP, REPORTED_ERRORS, STOPPED, given, guard_streams, parsed
+from ..cli import HELP, REPORTED_ERRORS, STOPPED, combined_options, guard_streams, parsed
 from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
 from ..output.checkpoint import checkpoints_of
 from ..output.result import Result
@@ -151,7 +151,7 @@ def asked(options_file, *options):
     Raises `pgran.options.OptionError` or `pgran.options.ParameterError` where they do not fit
     together.
     """
-    parameters = cases.read(given(options_file, *options))
+    parameters = cases.read(combined_options(options_file, *options))
     cases.create(parameters)
     return parameters
 
@@ -167,7 +167,7 @@ def holds(path, parameters, ignored=IGNORED):
     except (OSError, KeyError, OptionError, ParameterError):
         return False
     return all(getattr(theirs, row.name, None) == getattr(parameters, row.name)
-               for row in parameters.rows if row.name not in ignored)
+               for row in parameters.options if row.name not in ignored)
 
 
 def attributes(path, options_file, options=()):
@@ -193,7 +193,7 @@ def attributes(path, options_file, options=()):
                if name and os.path.isfile(name)]
     if os.path.getmtime(path) < max(map(os.path.getmtime, sources), default=0.0):
         return None
-    solver = {name: text for name, text in given(options_file, *options).items()
+    solver = {name: text for name, text in combined_options(options_file, *options).items()
               if not name.startswith(PREFIX)}
     with h5py.File(path, "r") as file:
         found = dict(file.attrs)

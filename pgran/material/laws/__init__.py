@@ -32,13 +32,13 @@ class Law(ABC):
 
     Attributes
     ----------
-    rows : tuple of pgran.options.Option
+    options : tuple of pgran.options.Option
         The law's own options. `of` passes their values to the constructor by name.
     yield_ratio : float or ndarray
         Stress ratio up to which nothing flows locally, 0 for a law without yield value.
     """
 
-    rows = ()
+    options = ()
     yield_ratio = 0.0
     inverse_length_squared = None
 
@@ -52,7 +52,7 @@ class Law(ABC):
     @classmethod
     def of(cls, parameters):
         """Return the law with the values of its rows."""
-        return cls(**{row.name: getattr(parameters, row.name) for row in cls.rows})
+        return cls(**{row.name: getattr(parameters, row.name) for row in cls.options})
 
     @abstractmethod
     def stress_ratio(self, I):

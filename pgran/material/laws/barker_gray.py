@@ -41,7 +41,7 @@ class BarkerGray(Law):
     I_1: object = field(init=False)
     A_minus: object = field(init=False)
 
-    rows = (MU_S, MU_2, B, I_0,
+    options = (MU_S, MU_2, B, I_0,
             positive("alpha", 1.9, "", "coefficient of the law below I_1; it is well-posed as I "
                      "goes to 0 if this is below 2", "mu = sqrt(alpha/ln(A_-/I))",
                      shared=("restart", "mode_file")),

@@ -14,7 +14,7 @@ class Bingham(Law):
     mu_s: object
     b: float
 
-    rows = MU_S, B
+    options = MU_S, B
 
     @property
     def yield_ratio(self):

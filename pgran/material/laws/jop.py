@@ -19,7 +19,7 @@ class Jop(Law):
     mu_2: object
     b: object
 
-    rows = MU_S, MU_2, B, I_0
+    options = MU_S, MU_2, B, I_0
     resolve = classmethod(slope_of_jop)
 
     @classmethod

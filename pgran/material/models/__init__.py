@@ -64,7 +64,7 @@ class Model(ABC):
 
     Attributes
     ----------
-    rows : tuple of pgran.options.Option
+    options : tuple of pgran.options.Option
         The model's own options. `of` passes their values to the constructor by name.
     fields : tuple of str
         Fields of the solver: velocity, pressure, and perhaps fluidity.
@@ -81,7 +81,7 @@ class Model(ABC):
         Coefficient of grad g in the fluidity equation, d^2.
     """
 
-    rows = ()
+    options = ()
     start_fluidity = 0.0
     fields = "velocity", "pressure"
     theory = None
@@ -96,7 +96,7 @@ class Model(ABC):
     @classmethod
     def of(cls, parameters):
         """Return the model with the values of its rows."""
-        return cls(**{row.name: getattr(parameters, row.name) for row in cls.rows})
+        return cls(**{row.name: getattr(parameters, row.name) for row in cls.options})
 
     @property
     def storage(self):

@@ -11,7 +11,7 @@ class IG(Model):
 
     A: float
 
-    rows = (AMPLITUDE,)
+    options = (AMPLITUDE,)
     theory = "ig"
     solved = False
 

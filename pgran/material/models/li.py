@@ -13,7 +13,7 @@ class LI(Model):
 
     A: float
 
-    rows = (AMPLITUDE,)
+    options = (AMPLITUDE,)
     theory = "li"
 
     @property

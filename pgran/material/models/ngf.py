@@ -18,7 +18,7 @@ class NGF(Model):
 
     A: float
 
-    rows = (AMPLITUDE,)
+    options = (AMPLITUDE,)
     fields = "velocity", "fluidity", "pressure"
     theory = "ngf"
     needs_length = True

@@ -42,7 +42,7 @@ class NGFPrimitive(NGF):
     relaxation_time: float
     start_fluidity: float = 1.0
 
-    rows = (*NGF.rows,
+    options = (*NGF.options,
             positive("relaxation_time", None, "1/gdot0", "time t0 in which the fluidity relaxes; "
                      "the inertial time of the grains at the reference pressure, which is the "
                      "inertial number in these units, unless given", "t0 dg/dt", shared=BOTH),
