@@ -106,10 +106,10 @@ def test_results_and_sweeps_do_not_depend_on_the_current_directory(tmp_path, mon
     found = pgran.sweep({"inertial_number": [0.001]}, directory="b", **SMALL)
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert result.path == tmp_path / "a.h5" and result.snapshots[-1]["pressure"].mean() > 0.0
-    assert [row["complete"] for row in found.options()] == [True]
+    assert [row["complete"] for row in found.rows()] == [True]
     pgran.run(found.paths[0], inertial_number=0.01, **SMALL)
     with pytest.raises(ResultError, match="another run"):
-        found.options()
+        found.rows()
 
 
 def test_bad_options_are_told_before_anything_runs(tmp_path):
@@ -241,7 +241,7 @@ def test_results_can_be_pickled(tmp_path):
 def test_a_sweep_makes_equal_points_once(tmp_path):
     found = pgran.sweep({"inertial_number": [0.001, 0.001, 0.002]}, directory=tmp_path, workers=2,
                         **SMALL)
-    assert not found.failures and [row["complete"] for row in found.options()] == [True] * 3
+    assert not found.failures and [row["complete"] for row in found.rows()] == [True] * 3
     assert len(list(tmp_path.glob("inertial_number_0.00?.h5"))) == 2
     with pytest.raises(OptionError, match="results of a sweep are named by their points"):
         pgran.sweep({"inertial_number": [0.001]}, directory=tmp_path, output="x.h5", **SMALL)
