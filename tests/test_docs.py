@@ -63,7 +63,8 @@ def test_commands_and_files_are_there(page):
     text = page.read_text()
     for name in re.findall(r"python -m pgran\.(\w+)", text):
         assert name in COMMANDS or name == "studies", (page.name, name)
-    for name in re.findall(r"(?<![\w/])(?:jobs|options|docs)/[\w/]+\.(?:sh|py|opts|slurm|def)\b", text):
+    files = r"(?<![\w/])(?:jobs|options|docs)/[\w/]+\.(?:sh|py|opts|slurm|def)\b"
+    for name in re.findall(files, text):
         assert (ROOT / name).exists(), (page.name, name)
     for name in re.findall(r"\bpgran-(\w+)\b(?![-.\w])", text):
         assert name in COMMANDS or name in ("KIND", "ready"), (page.name, name)

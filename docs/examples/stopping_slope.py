@@ -1,6 +1,6 @@
 # %% [markdown]
 # # Stopping height on an inclined plane
-# With dynamic NGF a layer flows only if it is thicker than H_stop, for which there is an analytical
+# With dynamic NGF a layer flows only if it is thicker than H_stop. This height has an analytical
 # solution. Two layers, one thicker and one thinner, verify the solver.
 
 # %%
