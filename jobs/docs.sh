@@ -3,10 +3,10 @@
 #
 #   bash jobs/docs.sh [links]
 #
-# Sphinx and MyST are installed in .venv-docs. With links, those to other sites are followed too.
+# Sphinx and MyST-NB are installed in .venv-docs. With links, those to other sites are followed too.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
-modules=(sphinx myst-parser furo numpy h5py matplotlib)
+modules=(sphinx myst-nb furo numpy scipy h5py matplotlib)
 wanted="$(pwd) ${modules[*]}"
 if [[ ! -f .venv-docs/pgran-ready || "$(cat .venv-docs/pgran-ready)" != "$wanted" ]]; then
     install_packages python3-venv

@@ -7,7 +7,7 @@ from functools import reduce
 import pytest
 from conftest import ROOT
 
-PAGES = sorted([*ROOT.glob("docs/*.md"), ROOT / "README.md"])
+PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md"])
 COMMANDS = {path.stem for path in (ROOT / "pgran").glob("*.py")} | {"cases", "studies"}
 
 
@@ -30,16 +30,22 @@ def test_links_lead_to_pages_sections_and_files(page):
             assert anchor in anchors(other), f"{page.name}: {target}"
 
 
-def test_every_page_is_in_the_site_and_in_the_readme():
-    listed = set(re.findall(r"^([\w]+)$", (ROOT / "docs/index.md").read_text(), re.MULTILINE))
-    pages = {path.stem for path in ROOT.glob("docs/*.md")} - {"index"}
-    assert pages <= listed
-    assert all(f"docs/{name}.md" in (ROOT / "README.md").read_text() for name in pages - {"api"})
+def test_every_page_and_notebook_is_in_the_site():
+    listed = set(re.findall(r"^([\w/]+)$", (ROOT / "docs/index.md").read_text(), re.MULTILINE))
+    pages = {str(path.relative_to(ROOT / "docs").with_suffix("")) for path in
+             [*ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/examples/*.ipynb")]}
+    assert {page for page in pages if not page.startswith("generated/")} - {"index"} == listed
+
+
+def test_pages_are_short():
+    for page in PAGES:
+        if page.name not in ("validation.md", "options.md"):
+            assert len(page.read_text().splitlines()) <= 250, page.name
 
 
 def test_every_equation_has_its_place_in_the_code():
-    rows = re.findall(r"^\| .* \| `(pgran[\w.]+)` \|$", (ROOT / "docs/model.md").read_text(),
-                      re.MULTILINE)
+    page = (ROOT / "docs/explanation/model.md").read_text()
+    rows = re.findall(r"^\| .* \| `(pgran[\w.]+)` \|$", page, re.MULTILINE)
     assert len(rows) > 15
     for name in rows:
         parts = name.split(".")
@@ -57,7 +63,8 @@ def test_commands_and_files_are_there(page):
     text = page.read_text()
     for name in re.findall(r"python -m pgran\.(\w+)", text):
         assert name in COMMANDS or name == "studies", (page.name, name)
-    for name in re.findall(r"\b(?:jobs|options|docs)/[\w/]+\.(?:sh|py|opts|slurm|def)\b", text):
+    files = r"(?<![\w/])(?:jobs|options|docs)/[\w/]+\.(?:sh|py|opts|slurm|def)\b"
+    for name in re.findall(files, text):
         assert (ROOT / name).exists(), (page.name, name)
     for name in re.findall(r"\bpgran-(\w+)\b(?![-.\w])", text):
         assert name in COMMANDS or name in ("KIND", "ready"), (page.name, name)

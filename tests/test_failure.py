@@ -11,7 +11,7 @@ from pgran.output import checkpoint
 from pgran.solve import failure
 
 COARSE = "-pgran_element_size", 8, "-pgran_progress", "quiet"
-PAGE = (ROOT / "docs" / "troubleshooting.md").read_text()
+PAGE = (ROOT / "docs" / "howto" / "troubleshooting.md").read_text()
 
 
 @pytest.mark.parametrize("options_file, more, messages", [

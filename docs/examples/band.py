@@ -1,7 +1,7 @@
 # %% [markdown]
-# # A shear band
-# A specimen of 40 d x 120 d is compressed to 10 %. The non-local model gives one band of its own
-# width. Run this on more ranks with `ranks=2`.
+# # First shear band
+# A specimen of 40 d x 120 d is compressed by 10 %. With the non-local model one diffuse shear band
+# forms. `pgran.run(..., ranks=2)` uses two MPI processes.
 
 # %%
 import matplotlib.pyplot as plt
@@ -12,7 +12,8 @@ result = pgran.run("results/band.h5", inertial_number=0.001, snapshots=[0.05, 0.
 print(result)
 
 # %% [markdown]
-# What the band is, and when it came: the stress on the upper plate falls when the flow localises.
+# `band()` measures the shear band in a snapshot. The stress on the upper plate falls when the flow
+# localises.
 
 # %%
 band = result.snapshots[-1].band()
@@ -25,12 +26,12 @@ axes.set(xlabel="compression (%)", ylabel=f"stress on the plate ({result.case.st
 figure.savefig("results/band_stress.png")
 
 # %% [markdown]
-# The strain since the start, on the deformed shape.
+# Equivalent shear strain since the start, on the deformed mesh.
 
 # %%
 last = result.snapshots[-1]
 figure, axes = plt.subplots(layout="constrained")
-drawn = axes.pcolormesh(*last.x.transpose(2, 0, 1), last["strain"], shading="gouraud")
+colours = axes.pcolormesh(*last.x.transpose(2, 0, 1), last["strain"], shading="gouraud")
 axes.set(aspect="equal", xlabel="$x_1$ (d)", ylabel="$x_2$ (d)", title=last.label)
-figure.colorbar(drawn, label="equivalent strain")
+figure.colorbar(colours, label="equivalent strain")
 figure.savefig("results/band_strain.png")

@@ -1,8 +1,8 @@
 # %% [markdown]
-# # The theory of the band
-# A disturbance of homogeneous compression grows at a rate that depends on its wave vector. The
-# local model lets all short waves grow; the non-local one has a cut-off, and so a wavelength of its
-# own (equation 3.4 of Li & Henann 2019).
+# # Linear theory of the band
+# A perturbation of homogeneous compression grows at a rate that depends on its wave vector. In the
+# local model (LI) all short waves of some directions grow. In the non-local model (NGF) only waves
+# longer than a cut-off grow (section 3 of Li & Henann 2019).
 
 # %%
 import matplotlib.pyplot as plt
@@ -31,10 +31,9 @@ axes.legend()
 figure.savefig("results/theory.png")
 
 # %% [markdown]
-# In a finite specimen the band begins as a sway of the whole specimen, at a rate that has a closed
-# form.
+# A finite specimen first buckles. The antisymmetric (sway) mode has an analytical growth rate.
 
 # %%
 rate = specimen.growth_rate(law=law, model="ngf", inertial_number=inertial_number, width=40.0,
                             height=120.0, amplitude=amplitude, density=0.0, relaxation_time=None)
-print(f"the specimen sways at {rate} gdot0")
+print(f"the sway mode grows at {rate:.1f} gdot0")

@@ -1,6 +1,6 @@
 # %% [markdown]
-# # A law of one's own
-# A law is one class in one file, here `power_law.py`. pgran takes it by the name of the file.
+# # User-defined law
+# A law is one class in one file, here `power_law.py`. pgran loads it by the name of the file.
 
 # %%
 from pathlib import Path
@@ -19,7 +19,8 @@ axes.set(xlabel="I", ylabel="mu")
 figure.savefig("results/own_law.png")
 
 # %% [markdown]
-# The specimen with this law. Without a cooperativity length it is a law for the local model.
+# Compression of a specimen with this law. The law has no cooperativity length, so it is used with
+# the local model.
 
 # %%
 path = Path(pgran.__file__).parents[1] / "docs" / "examples" / "power_law.py"

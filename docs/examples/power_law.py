@@ -1,9 +1,9 @@
-"""A law of one's own: the stress ratio rises with a power of the inertial number.
+"""A user-defined law: the stress ratio increases with a power of the inertial number.
 
     python -m pgran.stability -posedness -pgran_law docs/examples/power_law.py:PowerLaw
     mpiexec -n 2 python -m pgran -options_file options/power_law.opts
 
-Without a cooperativity length it is a law for LI.
+The law has no cooperativity length, so it is for LI.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
 # %% [markdown]
-# # A slope that stops
-# A layer on a slope flows if it is thicker than H_stop, which has a closed form for the non-local
-# model in its primitive form. Two layers, one thicker and one thinner, tell whether the solver
-# agrees.
+# # Stopping height on an inclined plane
+# With dynamic NGF a layer flows only if it is thicker than H_stop. This height has an analytical
+# solution. Two layers, one thicker and one thinner, verify the solver.
 
 # %%
 import pgran
