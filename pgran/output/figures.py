@@ -50,10 +50,12 @@ ANGLE, WIDTH = 51.0, 24.5
 
 
 def yes_or_no(value):
+    """Return a truth value as text."""
     return "yes" if value else "no"
 
 
 def subplots(columns, width, height):
+    """Return a figure of a size in inches, and its axes."""
     return plt.subplots(1, columns, figsize=(width, height), constrained_layout=True)
 
 
@@ -77,6 +79,7 @@ def growth_map(axes, k1, k2, rate, levels):
 
 
 def label_wave_vectors(axes, title):
+    """Label the axes of a plane of wave vectors."""
     axes.set(xlabel=r"$\tilde k_1$", ylabel=r"$\tilde k_2$", aspect="equal")
     axes.set_title(title, fontsize=10)
 
