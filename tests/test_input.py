@@ -271,7 +271,7 @@ COMMANDS = [
     ("growth", ["-dt", "1e3", *COARSE], "step of 1000/gdot0 (-dt) has changed"),
     ("growth", ["-dt", "1e-3,1e-3"], "-dt 0.001,0.001: allowed are steps that differ"),
 
-    ("growth", ["-without", "nosuch"], "-without nosuch: allowed is"),
+    ("growth", ["-without", "nosuch"], "-without nosuch: expected one or more of"),
     ("measure", [], ""),
     ("measure", ["nosuch.h5"], "there is no such file"),
     *(("measure", [f"{kind}.h5"], text) for kind, text in {
