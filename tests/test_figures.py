@@ -3,7 +3,6 @@
 import h5py
 import numpy as np
 import pytest
-from conftest import run_ranks
 
 from pgran import figures
 
@@ -35,20 +34,6 @@ def test_figures_of_the_theory_are_drawn_with_their_numbers(tmp_path, capsys):
 def test_unknown_figures_are_refused(capsys):
     assert figures.main(["fig99"]) == 1
     assert "unknown figure fig99; expected one of: fig1, fig2" in capsys.readouterr().err
-
-
-def test_figures_do_not_depend_on_default_options(tmp_path):
-    code = """
-import dataclasses, sys
-from pgran import options
-from pgran.material import laws
-laws.MU_S = dataclasses.replace(laws.MU_S, default=0.5)
-from pgran import cases
-assert cases.read({}).mu_s == 0.5
-from pgran.figures import main
-sys.exit(main(["fig2", "-output", sys.argv[1]]))
-"""
-    assert "0.12265" in run_ranks(0, "-c", code, tmp_path).stdout
 
 
 @pytest.mark.parametrize("name, model, compression", [("fig6", "ngf", 0.1), ("fig7", "li", 0.01)])
