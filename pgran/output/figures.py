@@ -9,25 +9,23 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
-import matplotlib
-import matplotlib.ticker
 import numpy as np
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from matplotlib import colormaps
+from matplotlib.colors import ListedColormap
+from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
 from ..material.laws.bingham import Bingham
 from ..material.laws.jop import Jop
 from ..theory import specimen, waves
 from ..theory.waves import BASE_FLOWS, PURE_SHEAR, Coefficients
-from . import band as bands
+from . import band as bands, pictures
 from .result import Result
 
 #: The paper's parameters of glass beads.
 MU_S, MU_2, B, A, PHI = 0.3819, 0.6435, 0.9377, 0.48, 0.6
 JOP, BINGHAM = Jop(MU_S, MU_2, B), Bingham(MU_S, B)
 #: Negative growth rates, from slow (light) to fast decay (dark); growth is white.
-GREYS = matplotlib.colors.ListedColormap(plt.get_cmap("Greys_r")(np.linspace(0.25, 0.88, 256)))
+GREYS = ListedColormap(colormaps["Greys_r"](np.linspace(0.25, 0.88, 256)))
 
 #: Element sizes of figures 6 and 7, d.
 MESHES = "2", "1", "0.5", "0.25"
@@ -52,11 +50,6 @@ ANGLE, WIDTH = 51.0, 24.5
 def yes_or_no(value):
     """Return a truth value as text."""
     return "yes" if value else "no"
-
-
-def subplots(columns, width, height):
-    """Return a figure of a size in inches, and its axes."""
-    return plt.subplots(1, columns, figsize=(width, height), constrained_layout=True)
 
 
 def plane(size, points=601):
@@ -90,7 +83,7 @@ def fig1():
     ngf = Coefficients.of(JOP, "ngf", 0.001)
     k_cut, angle = float(waves.cutoff(ngf)), np.linspace(0.0, 2.0 * np.pi, 361)
     data, table = {"k1": k1, "k2": k2, "k_cut": k_cut}, []
-    figure, panels = subplots(2, 10, 4.6)
+    figure, panels = pictures.new_figure(10, 4.6, columns=2)
     for axes, letter, model in zip(panels, "ab", ("ngf", "li")):
         coefficients = Coefficients.of(JOP, model, 0.001)
         rate = data[f"growth_rate_{model}"] = waves.pure_shear_growth(k1, k2, coefficients)
@@ -125,7 +118,7 @@ def fig2():
     rise, ratio = np.meshgrid(np.linspace(0.003, 0.6, 200), np.geomspace(1e-3, 1e2, 200))
     law = Jop(MU_S, MU_S + rise, B)
     k_cut = waves.cutoff(Coefficients.of(law, "ngf", ratio * law.I_0))
-    figure, (left, middle, right) = subplots(3, 14, 4.2)
+    figure, (left, middle, right) = pictures.new_figure(14, 4.2, columns=3)
     filled = left.contourf(rise, ratio, np.where(k_cut > 0.0, k_cut, np.nan),
                            levels=np.linspace(0.0, 1.0, 11), cmap="viridis", extend="max")
     # Where the growth rate of long waves changes sign.
@@ -170,7 +163,7 @@ def fig8():
     k1, k2 = plane(6.0, 801)
     k, close_up = np.stack([k1, k2], axis=-1), plane(0.3)
     data, table = {"k1": k1, "k2": k2}, []
-    figure, panels = subplots(2, 10.5, 5.0)
+    figure, panels = pictures.new_figure(10.5, 5.0, columns=2)
     for axes, I0, name in zip(panels, (0.001, 0.1), "ab"):
         coefficients = Coefficients.of(JOP, "ig", I0)
         rate = waves.pure_shear_growth(k1, k2, coefficients)
@@ -214,7 +207,7 @@ def fig9():
     gradient = BASE_FLOWS["simple_shear"]
     N = waves.flow_direction(gradient)
     data, table = {}, []
-    figure, panels = subplots(2, 10, 4.8)
+    figure, panels = pictures.new_figure(10, 4.8, columns=2)
     for axes, I0, name, size, stated in zip(panels, (0.001, 1.0), "ab", ("<< 1", "order 1"),
                                             ("indistinguishable", "quite different")):
         coefficients = Coefficients.of(JOP, "ngf", I0)
@@ -247,10 +240,10 @@ def specimen_rates():
     """Growth rates of a specimen of width 40 d over n pi L/H, for both parities and several I0."""
     width, numbers, wave = 40.0, (1e-4, 1e-3, 3e-3, 1e-2, 3e-2), np.geomspace(0.25, 12.0, 400)
     data, table = {"n_pi_L_over_H": wave}, []
-    figure, axes = subplots(2, 10.0, 4.2)
+    figure, axes = pictures.new_figure(10.0, 4.2, columns=2)
     for axis, parity, title in zip(axes, specimen.PARITIES, (
             "both faces the same way (sway)", "faces opposite ways (barrel)")):
-        for I0, shade in zip(numbers, plt.get_cmap("viridis")(np.linspace(0.0, 0.85, 5))):
+        for I0, shade in zip(numbers, colormaps["viridis"](np.linspace(0.0, 0.85, 5))):
             *rates, at_3 = (
                 specimen.growth_rate(BINGHAM, "ngf", inertial_number=I0, width=width,
                                      height=height, parity=parity)
@@ -261,8 +254,8 @@ def specimen_rates():
                           float(at_3)))
         axis.set(xscale="log", xlim=(wave[0], wave[-1]), title=title, xlabel=r"$n\pi L/H$",
                  xticks=[0.3, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0])
-        axis.xaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
-        axis.xaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
+        axis.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+        axis.xaxis.set_minor_formatter(NullFormatter())
     sway, barrel = axes
     sway.set(yscale="log", ylim=(0.4, 1e4), ylabel=r"growth rate / $\dot\gamma^0$")
     for ratio in (1.5, 3.0, 6.0):
@@ -276,26 +269,23 @@ def specimen_rates():
 
 
 def panels_of(name, directory):
-    """Return the panels of figure ``name`` and the names of missing runs.
-
-    Raises ValueError if all runs are missing.
-    """
+    """Return the panels of figure ``name`` and the names of missing runs."""
     panels, missing = [], []
     for letter, (run, compression) in zip("bcd" if name == "fig3" else "abcd", RUNS[name]):
         path = Path(directory) / f"{run}.h5"
-        result = Result(path) if path.exists() else None
-        for snapshot in result.snapshots if result else ():
-            at = float(snapshot.attributes.get("compression", -1.0))
-            if abs(at - compression) < 1e-6:
-                band = snapshot.band()
-                panels.append(SimpleNamespace(
-                    letter=letter, run=run, compression=at, x=snapshot.x,
-                    I=snapshot["inertial_number"], band=band, options=result.options,
-                    cost=result.attributes, many=result.options["model"] == "li",
-                    measured=result.options["model"] != "li" and band["angle"] is not None))
-                break
-        else:
+        snapshot = next((snapshot for snapshot in (Result(path).snapshots if path.exists() else ())
+                         if abs(snapshot.attributes.get("compression", -1.0) - compression) < 1e-6),
+                        None)
+        if not snapshot:
             missing.append(run)
+            continue
+        result, band = snapshot.result, snapshot.band()
+        many = result.options["model"] == "li"
+        panels.append(SimpleNamespace(
+            letter=letter, run=run, compression=compression, snapshot=snapshot, x=snapshot.x,
+            I=snapshot["inertial_number"], I0=result.options["inertial_number"], band=band,
+            options=result.options, cost=result.attributes, many=many,
+            measured=not many and bool(band["bands"])))
     if not panels:
         raise ValueError(f"{name}: no results in {directory}; bash jobs/{name}.sh makes them")
     return panels, missing
@@ -308,49 +298,38 @@ def section4(name, directory):
     bands; for LI they are both directions through the centre.
     """
     panels, missing = panels_of(name, directory)
-    data, table = {}, [(f"not drawn, because the run is missing: {run}", "", "-")
-                       for run in missing]
-    relative = name == "fig5"
-    fields = [p.I / p.options["inertial_number"] if relative else p.I for p in panels]
-    spans = [np.ptp(p.x[..., 0]) for p in panels]
-    tallest = max(np.ptp(p.x[..., 1]) for p in panels)
-    scale = 6.5 / tallest  # inches per d
-    figure, axes = plt.subplots(1, len(panels), squeeze=False, sharey=True,
-                                figsize=(scale * sum(spans) + 0.4 * len(panels) + 1.6, 7.3),
-                                gridspec_kw={"width_ratios": spans}, constrained_layout=True)
-    for ax, p, field in zip(axes[0], panels, fields):
-        image = ax.pcolormesh(*np.moveaxis(p.x, -1, 0), field, shading="gouraud", cmap="viridis",
-                              vmin=0.0, vmax=max(values.max() for values in fields))
-        edge = np.concatenate([p.x[0], p.x[:, -1], p.x[-1, ::-1], p.x[::-1, 0]])
-        ax.plot(*edge.T, "k", linewidth=0.6)
-        for point, slope in dashed_lines(p):
-            ax.axline(point, slope=slope, color="white", linestyle="dashed", linewidth=0.9)
-        ax.set(xlim=(p.x[..., 0].min(), p.x[..., 0].max()), ylim=(0.0, tallest), aspect="equal",
-               xlabel="$x_1/d$")
-        ax.set_title(f"({p.letter}) {TITLES[name](p)}", fontsize=9)
-        data.update({f"{p.letter}/x": p.x, f"{p.letter}/I": p.I})
-        table += panel_rows(p)
-    axes[0, 0].set_ylabel("$x_2/d$")
-    figure.colorbar(image, ax=axes, label="$I/I^0$" if relative else "$I$", shrink=0.7)
+    table = [(f"not drawn, because the run is missing: {run}", "", "-") for run in missing]
+    data, quantity = {}, "I/I0" if name == "fig5" else "inertial_number"
+    tallest = max(panel.x[..., 1].max() for panel in panels)
+    for panel in panels:
+        panel.snapshot.keep({"I/I0": panel.I / panel.I0})
+    figure = pictures.panels([panel.snapshot for panel in panels], quantity, pictures.Style(
+        limits=(0.0, max(panel.snapshot[quantity].max() for panel in panels)), outline=False))
+    for axes, panel in zip(figure.axes, panels):
+        axes.set(xlim=axes.get_xlim(), ylim=(0.0, tallest))
+        for point, slope in dashed_lines(panel):
+            axes.axline(point, slope=slope, color="white", linestyle="dashed", linewidth=0.9)
+        axes.set_title(f"({panel.letter}) {TITLES[name](panel)}", fontsize=9)
+        data.update({f"{panel.letter}/x": panel.x, f"{panel.letter}/I": panel.I})
+        table += panel_rows(panel)
     if name == "fig7":
-        table += [(f"({p.letter}) {p.run}: bands across the line at L/4", "more with refinement",
-                   bands.stretches(p.I[:, p.I.shape[1] // 4] > p.options["inertial_number"]))
-                  for p in panels]
-    if name in ("fig6", "fig7"):
-        table += mesh_rows(panels)
-    return figure, data, table
+        table += [(f"({panel.letter}) {panel.run}: bands across the line at L/4",
+                   "more with refinement",
+                   bands.stretches(panel.I[:, panel.I.shape[1] // 4] > panel.I0))
+                  for panel in panels]
+    return figure, data, table + (mesh_rows(panels) if name in ("fig6", "fig7") else [])
 
 
 def dashed_lines(panel):
     """Return points and slopes of the lines of the theory."""
-    x, slope = panel.x, np.tan(np.radians(ANGLE))
+    slope, rise = np.tan(np.radians(ANGLE)), WIDTH / 2.0 / np.cos(np.radians(ANGLE))
     if panel.many:
-        centre = (x[..., 0].min() + x[..., 0].max()) / 2.0, x[..., 1].max() / 2.0
+        centre = (panel.x.min((0, 1)) + panel.x.max((0, 1))) / 2.0
         return [(centre, slope), (centre, -slope)]
     if not panel.measured:
         return []
-    rise, (x1, x2) = WIDTH / 2.0 / np.cos(np.radians(ANGLE)), panel.band["centre"]
-    return [((x1, x2 + side), np.copysign(slope, panel.band["angle"])) for side in (-rise, rise)]
+    slope = np.copysign(slope, panel.band["angle"])
+    return [(panel.band["centre"] + np.array([0.0, side]), slope) for side in (-rise, rise)]
 
 
 def panel_rows(panel):
@@ -377,17 +356,16 @@ def mesh_rows(panels):
 
     Both directions of a band are equivalent: bands with a negative angle are mirrored first.
     """
-    falls = [p.measured and p.band["angle"] < 0.0 for p in panels]
-    results = [(p.x[:, ::-1], p.I[:, ::-1]) if mirrored else (p.x, p.I)
-               for p, mirrored in zip(panels, falls)]
-    table = []
+    falls = [panel.measured and panel.band["angle"] < 0.0 for panel in panels]
+    sizes, table = [panel.options["element_size"] for panel in panels], []
+    results = [(panel.x[:, ::-1], panel.I[:, ::-1]) if mirrored else (panel.x, panel.I)
+               for panel, mirrored in zip(panels, falls)]
     for k, row in enumerate(bands.mesh_differences(results)):
-        coarse, fine = (panel.options["element_size"] for panel in panels[k:k + 2])
-        text = (f"h{coarse:g} to h{fine:g}{', mirrored' if falls[k] != falls[k + 1] else ''}: "
-                "difference of I over ")
+        text = (f"h{sizes[k]:g} to h{sizes[k + 1]:g}"
+                f"{', mirrored' if falls[k] != falls[k + 1] else ''}: difference of I over ")
         table += [(text + "its L2 norm", "-", row["l2"]),
                   (text + "its maximum", "-", row["maximum"])]
-        if row["order"] is not None:
+        if row["order"]:
             table.append(("observed order in L2", "-", row["order"]))
     return table
 
@@ -420,8 +398,7 @@ def draw(names, directory, results):
     for name in names:
         figure, data, table = THEORY[name]() if name in THEORY else section4(name, results)
         directory.mkdir(parents=True, exist_ok=True)
-        figure.savefig(directory / f"{name}.png", dpi=150)
-        plt.close(figure)
+        figure.savefig(directory / f"{name}.png")
         with h5py.File(directory / f"{name}.h5", "w") as file:
             for key, value in data.items():
                 file[key] = value
