@@ -5,8 +5,8 @@
 Solves J x = -lambda M x about the reference flow of a case by shift-and-invert. J and M are the
 Jacobian and the mass matrix of the simulation, with inertia. With ``-pgran_case periodic`` the cell
 is one wavelength of ``-wave_vector`` in each direction, with ``-pgran_cell_elements`` elements; the
-eigenvalue of each harmonic is compared with the theory. Other cases have their own boundary
-conditions, and no theory is available.
+eigenvalue of each harmonic is compared with the theory. For other cases, which have different
+boundary conditions, no theory is available.
 
     mpiexec -n 2 python -m pgran.eigen -pgran_restart NAME.h5 [-pgran_restart_snapshot n]
 

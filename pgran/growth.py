@@ -7,8 +7,8 @@ A time step maps the mesh, the stress and the unknowns at one time to the next. 
 about the reference flow has eigenvalues m, found by SLEPc, and growth rates log(m)/dt, in units of
 gdot0, which converge as dt goes to zero. With several steps, the fastest growth rate is
 extrapolated to dt = 0. Each eigenvalue is printed with the residual of its eigenpair. For a
-specimen between slipping plates, the analytical growth rate (`pgran.theory.specimen`) and that of
-the creep-buckling column are printed for comparison.
+specimen between slipping plates, the analytical growth rate (`pgran.theory.specimen`) and the rate
+of the creep-buckling column are printed for comparison.
 """
 
 import sys

@@ -106,7 +106,7 @@ def analyse(parameters, args):
 
 
 def posedness(law, I0):
-    """Return C at an inertial number, and the ranges in which LI is ill-posed with a law."""
+    """Return C at an inertial number, and the ranges where LI is ill-posed with a law."""
     ranges = waves.ill_posed_ranges(law)
     return {"C": float(waves.long_wave_excess(Coefficients.of(law, "li", I0))),
             "well_posed": not any(low <= I0 <= high for low, high in ranges),

@@ -1,4 +1,4 @@
-"""The paper's figures are drawn, with the computed numbers and those of the paper."""
+"""The paper's figures are drawn, with computed numbers and the numbers of the paper."""
 
 import h5py
 import numpy as np

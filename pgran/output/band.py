@@ -131,8 +131,15 @@ def segments_of(cuts):
     return segments
 
 
-def straight_band(stretches, along):
-    """Return the measurements of `band` for a straight band through complete stretches."""
+def straight_band(segments, I, along):
+    """Return the measurements of `band` for a straight band through segments.
+
+    Stretches that reach the boundary are skipped. Returns None with fewer than `MIN_CUTS` others.
+    """
+    stretches = [stretch for segment in segments for stretch in segment.stretches
+                 if stretch.ends is not None]
+    if len(stretches) < MIN_CUTS:
+        return None
     ends = np.array([stretch.ends for stretch in stretches])
     middles = ends.mean(axis=1)
     a, b = middles[:, along], middles[:, 1 - along]
@@ -144,11 +151,13 @@ def straight_band(stretches, along):
     direction /= np.hypot(*direction)
     angle = np.degrees(np.arctan2(direction[1], direction[0]))
     widths = np.abs((ends[:, 1] - ends[:, 0]) @ [-direction[1], direction[0]])
+    largest = [I[stretch.low:stretch.high + 1, stretch.cut].max() for stretch in stretches]
     return {"angle": float(angle if angle <= 90.0 else angle - 180.0),
             "angle_error": float(np.degrees(np.hypot(
                 np.sqrt(covariance[0, 0]) / (1.0 + slope**2), (halves[1] - halves[0]) / 2.0))),
             "width": float(widths.mean()), "width_error": float(widths.std()),
-            "centre": middles.mean(axis=0).tolist(), "length": float(np.ptp(middles @ direction))}
+            "centre": middles.mean(axis=0).tolist(), "length": float(np.ptp(middles @ direction)),
+            "inertial_number": float(np.mean(largest))}
 
 
 def bands_along(x, I, along):
@@ -166,22 +175,20 @@ def bands_along(x, I, along):
     while remaining:
         group = [remaining.pop(0)]
         for other in list(remaining):
-            if joined := _join(group, other, along):
+            joined = sorted([*group, other], key=lambda segment: segment.stretches[0].cut)
+            if _continues(joined) and _is_band(straight_band(joined, I, along)):
                 group = joined
                 remaining.remove(other)
-        total, complete = _complete(group)
-        if total < MIN_CUTS:
+        cuts = sum(len(segment.stretches) for segment in group)
+        found = straight_band(group, I, along)
+        if cuts < MIN_CUTS:
             continue
-        if len(complete) < MIN_CUTS:
+        if not found:
             rejected.append((0.0, "the boundary cuts off the stretch where I exceeds half of its "
-                             f"maximum on {total - len(complete)} of {total} cuts; {MIN_CUTS} "
-                             "complete cuts are needed"))
+                             f"maximum; fewer than {MIN_CUTS} of {cuts} cuts are complete"))
             continue
-        found = straight_band(complete, along)
         reason = _reason(group[0].leaves[0], group[-1].leaves[1], found)
         if not reason:
-            found["inertial_number"] = float(np.mean([
-                I[stretch.low:stretch.high + 1, stretch.cut].max() for stretch in complete]))
             bands.append(found)
             continue
         rejected.append((found["length"], reason))
@@ -192,10 +199,16 @@ def bands_along(x, I, along):
     return sorted(bands, key=lambda found: -found["inertial_number"]), rejected, count
 
 
-def _complete(segments):
-    """Return the number of stretches of segments, and those that do not reach the boundary."""
-    stretches = [stretch for segment in segments for stretch in segment.stretches]
-    return len(stretches), [stretch for stretch in stretches if stretch.ends is not None]
+def _continues(segments):
+    """Return whether connected segments cover successive cuts without overlap."""
+    return len({segment.component for segment in segments}) == 1 and all(
+        a.stretches[-1].cut < b.stretches[0].cut for a, b in zip(segments, segments[1:]))
+
+
+def _is_band(found):
+    """Return whether segments that are joined across branches are one straight band."""
+    return bool(found) and (found["angle_error"] <= MAX_ANGLE_ERROR
+                            and found["width_error"] <= MAX_WIDTH_SPREAD * found["width"])
 
 
 def _lies_on(part, other):
@@ -203,21 +216,6 @@ def _lies_on(part, other):
     angle = np.radians(other["angle"])
     distance = np.subtract(part["centre"], other["centre"]) @ [-np.sin(angle), np.cos(angle)]
     return abs(distance) < other["width"] / 2.0
-
-
-def _join(group, other, along):
-    """Return a group with another segment, in order, if one straight band fits them, or None."""
-    joined = sorted([*group, other], key=lambda segment: segment.stretches[0].cut)
-    if other.component != group[0].component or any(
-            a.stretches[-1].cut >= b.stretches[0].cut for a, b in zip(joined, joined[1:])):
-        return None
-    _, complete = _complete(joined)
-    if len(complete) < MIN_CUTS:
-        return None
-    found = straight_band(complete, along)
-    fits = (found["angle_error"] <= MAX_ANGLE_ERROR
-            and found["width_error"] <= MAX_WIDTH_SPREAD * found["width"])
-    return joined if fits else None
 
 
 def _reason(first, last, found):
