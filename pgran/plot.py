@@ -62,29 +62,31 @@ def drawn(args, paths):
     suffix, one = f".{args.format}", -1 if args.snapshot is None else args.snapshot
     results = [Result(path) for path in paths]
 
-    def target(words):
-        return Path(args.output or f"{Path(paths[0]).with_suffix('')}_{words}{suffix}")
+    def save(figure, words):
+        written.append(Path(args.output or f"{Path(paths[0]).with_suffix('')}_{words}{suffix}"))
+        figure.savefig(written[-1])
 
+    written, names = [], args.field.split(",")
     if args.history:
         names = args.history.split(",")
-        return pictures.curves(results, names, target("_".join(names)))
-    written, names = [], args.field.split(",")
+        save(pictures.curves(results, names), "_".join(names))
+        return written
     for name in names:
         for result in results:
             pictures.check_field(result, name)
     for name in names:
         if args.show:
             snapshot, = pictures.snapshots_of(results[0], one)
-            written += pictures.window(snapshot, name)
+            pictures.window(snapshot, name)
         elif args.movie:
-            written += pictures.movie(results[0], name, style, args.movie)
+            pictures.movie(results[0], name, style, args.movie)
+            written.append(args.movie)
         elif args.line:
-            written += pictures.profiles(results, name, args.line, target(f"{name}_line"), one)
+            save(pictures.profiles(results, name, args.line, one), f"{name}_line")
         elif args.together:
             chosen = [snapshot for result in results
                       for snapshot in pictures.snapshots_of(result, args.snapshot)]
-            pictures.panels(chosen, name, style).savefig(target(name))
-            written.append(target(name))
+            save(pictures.panels(chosen, name, style), name)
         else:
             for path in paths:
                 written += pictures.pictures(path, name, style, suffix, args.snapshot)

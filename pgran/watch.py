@@ -91,9 +91,7 @@ def look(path, column, silence):
     filled = 40 if result.complete else int(40 * min(float(done[-1]), 1.0))
     last = {name: values[-1] for name, values in history.items()}
     lines += [f"  [{'#' * filled}{'.' * (40 - filled)}] {label}, {state}",
-              f"  step {steps}, dt {last['step_size']:.2e}, {last['newton_iterations']} Newton and "
-              f"{last['linear_iterations']} linear iterations, I "
-              f"{last['inertial_number_min']:.2e} to {last['inertial_number_max']:.2e}",
+              f"  {progress.step_text(steps, last)}",
               f"  {column} over {across}:", *curve(x, history[column])]
     return lines, ended
 

@@ -92,7 +92,7 @@ def test_the_monitor_shows_the_last_step(path, tmp_path, capsys):
     path = changed(path, tmp_path / "run.h5", state="running", process=files.this_process())
     assert watch.main([str(path), "-once"]) == 0
     text = capsys.readouterr().out
-    assert f"step {len(Result(path).history['time'])}," in text and "*" in text
+    assert f"step {len(Result(path).history['time']):4d}  dt" in text and "*" in text
     assert "running for" in text and " left" in text
     assert watch.main([str(path), "-once", "-column", "nosuch"]) == 1
     assert "-column nosuch" in capsys.readouterr().err

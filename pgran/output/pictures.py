@@ -1,7 +1,7 @@
 """Pictures of results for publication, by matplotlib: fields, profiles, curves and movies.
 
-Fields are drawn on the deformed shape and interpolated between the Q2 nodes. Functions that write
-files return their paths; the suffix of a path selects PNG, SVG or PDF.
+Fields are drawn on the deformed shape and interpolated between the Q2 nodes. The suffix of a file
+selects PNG, SVG or PDF.
 """
 
 import os
@@ -180,6 +180,10 @@ def pictures(path, name="inertial_number", style=Style(), suffix=".png", which=N
     which : int, optional
         Only this snapshot; negative numbers count from the end.
 
+    Returns
+    -------
+    list of Path
+
     Raises
     ------
     ResultError, OptionError
@@ -253,8 +257,8 @@ def check_field(result, name):
                       + ", ".join(components or scalars))
 
 
-def profiles(results, name, ends, target, which=-1):
-    """Draw a quantity along a line, one curve per result; see `along_line` for ``ends``.
+def profiles(results, name, ends, which=-1):
+    """Return a figure of a quantity along a line, one curve per result; see `along_line`.
 
     Raises `OptionError` if the line does not cross the material.
     """
@@ -271,12 +275,11 @@ def profiles(results, name, ends, target, which=-1):
             axes.plot(distance, values, label=f"{result.path.stem}, {snapshot.label}")
     axes.set_title("({:g}, {:g}) to ({:g}, {:g}) d".format(*ends), fontsize=10)
     axes.legend(fontsize=8)
-    figure.savefig(target)
-    return [Path(target)]
+    return figure
 
 
-def curves(results, names, target):
-    """Draw columns of the history over the progress of the run: one panel per column."""
+def curves(results, names):
+    """Return a figure of columns of the history over the progress, one panel per column."""
     progress = {}
     for result in results:
         for column in names:
@@ -300,8 +303,7 @@ def curves(results, names, target):
         for result, values in drawn:
             axes.plot(values, result.history[name], label=result.path.stem)
     planes[0].legend(fontsize=8)
-    figure.savefig(target)
-    return [Path(target)]
+    return figure
 
 
 def curves_figure(across, up):
@@ -348,7 +350,6 @@ def movie(result, name, style, target, rate=8):
     frames = animation.FuncAnimation(figure, frame, frames=len(result.snapshots))
     writer = animation.PillowWriter if target.suffix == ".gif" else animation.FFMpegWriter
     frames.save(target, writer=writer(fps=rate), dpi=100)
-    return [target]
 
 
 def window(snapshot, name):
@@ -362,4 +363,3 @@ def window(snapshot, name):
                      scalar_bar_args={"title": name})
     plotter.view_xy()
     plotter.show()
-    return []

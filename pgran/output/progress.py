@@ -39,6 +39,13 @@ def work(history):
     return np.cumsum(history["linear_iterations"] + NEWTON * history["newton_iterations"])
 
 
+def step_text(number, row):
+    """Return a step with the number ``number`` and the row ``row`` of the history as text."""
+    return (f"step {number:4d}  dt {row['step_size']:.2e}  "
+            f"Newton {row['newton_iterations']:2d}  linear {row['linear_iterations']:4d}  "
+            f"I {row['inertial_number_min']:.2e} to {row['inertial_number_max']:.2e}")
+
+
 def words(seconds):
     """Return a duration as text."""
     for unit, size, limit in (("s", 1.0, 100.0), ("min", 60.0, 6000.0)):

@@ -63,11 +63,7 @@ class Terminal:
         self._mark, self.last = mark, now
         seconds = progress.left(self._done, self._spent) if done >= progress.EARLY else None
         left = f"  {progress.words(seconds):>6} left" if seconds is not None else ""
-        self.say(f"  {text}  step {number:4d}  dt {report['step_size']:.2e}  "
-                 f"Newton {report['newton_iterations']:2d}  "
-                 f"linear {report['linear_iterations']:4d}  "
-                 f"I {report['inertial_number_min']:.2e} to {report['inertial_number_max']:.2e}"
-                 f"{left}")
+        self.say(f"  {text}  {progress.step_text(number, report)}{left}")
 
     def closing(self, writer, cost, further):
         """Print the cost of the run, where the results are, and useful next commands.
