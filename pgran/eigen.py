@@ -21,8 +21,8 @@ written with a picture to ``-pgran_output``, by default NAME_mode.h5 or results/
 ``-eps_nev`` and other options of SLEPc apply.
 """
 
-import csv
 import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -164,7 +164,7 @@ def sweep(parameters, args, comm, say):
         path.write_text(",".join(columns) + "\n")
 
     Disk(comm.tompi4py(), "output", parameters.output).do(begin)
-    for k in ((k1, k2) for k1 in ticks for k2 in ticks):
+    for k in product(ticks, ticks):
         rate = float(spectrum.theory(parameters, np.array(k)))
         _, rows, _ = spectrum.spectrum(parameters, comm, k, [rate + 1e-3 * abs(rate)])
         row = max((r for r in rows if r["harmonic"] in ((1, 1), (1, -1))),
@@ -174,9 +174,9 @@ def sweep(parameters, args, comm, say):
             continue
         errors.append(row["relative_error"])
         if comm.rank == 0:
-            with open(path, "a", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerow(
-                    [repr(float(value)) for value in (*k, *(row[key] for key in columns[2:]))])
+            with open(path, "a") as file:
+                values = (*k, *(row[key] for key in columns[2:]))
+                file.write(",".join(repr(float(value)) for value in values) + "\n")
     say(f"  {len(errors)} wave vectors of {args.sweep**2}, largest relative error "
         f"{max(errors, default=0.0):.2e}: {path}")
 

@@ -309,20 +309,12 @@ def stretches(inside):
 
 
 def mesh_differences(results):
-    """Return the differences of I between successive meshes, at common nodes.
+    """Return differences of I between successive meshes at common nodes, a list of dictionaries.
 
-    Parameters
-    ----------
-    results : list of pairs of ndarray
-        Coordinates (ny, nx, 2), d, and I (ny, nx), coarsest mesh first. Each mesh divides the
-        elements of the previous one.
-
-    Returns
-    -------
-    list of dict
-        ``l2`` : L2 norm of the difference over the norm of the finer I; ``maximum`` : largest
-        difference over the largest finer I; ``order`` : log2 of the ratio of successive ``l2`` if
-        elements were halved twice, or None; ``step`` : ratio of the element sizes.
+    ``results`` contains pairs of coordinates (ny, nx, 2), d, and I (ny, nx), coarsest mesh first.
+    Each mesh divides the elements of the previous one. ``l2`` is the L2 norm of the difference over
+    the norm of the finer I, ``maximum`` the largest difference over the largest finer I, ``order``
+    log2 of the ratio of successive ``l2`` if elements were halved twice, ``step`` the size ratio.
     """
     rows = []
     for (x, coarse), (_, finest) in zip(results, results[1:]):

@@ -47,11 +47,6 @@ TITLES = {
 ANGLE, WIDTH = 51.0, 24.5
 
 
-def yes_or_no(value):
-    """Return a truth value as text."""
-    return "yes" if value else "no"
-
-
 def plane(size, points=601):
     """Return k1 and k2 (points, points) over a square of half side ``size`` without the origin.
 
@@ -152,7 +147,7 @@ def fig2():
         ("largest cut-off for I0/I_0 <= 0.1", "below 0.2", float(k_cut[ratio <= 0.1].max())),
         ("cut-off at I0/I_0 = 10, glass beads", "beyond the plot", k_at_10),
         ("quasi-static cut-off increases with mu_s", "yes",
-         yes_or_no((np.diff(quasi_static) > 0.0).all())),
+         (np.diff(quasi_static) > 0.0).all()),
         ("quasi-static cut-off at mu_s = 0.002", "to 0", float(quasi_static[0])),
         ("b I0 where the Bingham cut-off vanishes", 0.0158, critical),
         ("largest cut-off for 0.0158 <= b I0 < 0.6181", 0, float(bingham[bI >= 0.0158].max()))]
@@ -183,10 +178,10 @@ def fig8():
         angles = np.radians(np.arange(1.0, 90.0))
         short = waves.growth_rates(1e4 * np.stack([np.cos(angles), np.sin(angles)], axis=-1),
                                    PURE_SHEAR, coefficients)[:, 0]
-        table += [(f"IG, I0 = {I0}: unstable near the origin", yes_or_no(name == "a"),
-                   yes_or_no(near.max() > 0.0)),
+        table += [(f"IG, I0 = {I0}: unstable near the origin", "yes" if name == "a" else "no",
+                   near.max() > 0.0),
                   (f"IG, I0 = {I0}: growth without bound in some directions", "yes",
-                   yes_or_no((short > 1e6).any())),
+                   (short > 1e6).any()),
                   (f"IG, I0 = {I0}: smallest |k| where growth is discontinuous", "-",
                    float(np.sqrt(2.0 * (1.0 - coefficients.nu / 2.0 + 1.0 / coefficients.mu))))]
         if name == "a":
@@ -197,8 +192,7 @@ def fig8():
     for model in ("li", "ngf"):
         rate = waves.growth_rates(np.stack(plane(3.0), axis=-1), PURE_SHEAR,
                                   Coefficients.of(JOP, model, 0.1))
-        table.append((f"{model.upper()}, I0 = 0.1: unstable anywhere", "no",
-                      yes_or_no(rate.max() > 0.0)))
+        table.append((f"{model.upper()}, I0 = 0.1: unstable anywhere", "no", rate.max() > 0.0))
     return figure, data, table
 
 
@@ -336,7 +330,7 @@ def panel_rows(panel):
     """Return the rows of the table for one panel."""
     band, cost = panel.band, panel.cost
     rows = [("I from", "-", float(panel.I.min())), ("I to", "-", float(panel.I.max())),
-            ("localised", "-", yes_or_no(band["localised"]))]
+            ("localised", "-", band["localised"])]
     if band["localised"] and band["reason"] and not panel.many:
         rows.append((f"no band: {band['reason']}", "-", "-"))
     if panel.measured:
@@ -375,26 +369,15 @@ THEORY = {"fig1": fig1, "fig2": fig2, "fig8": fig8, "fig9": fig9, "specimen": sp
 
 
 def draw(names, directory, results):
-    """Draw figures and print their tables.
+    """Draw figures to files NAME.png and NAME.h5 (the numbers) and print their tables.
 
-    Parameters
-    ----------
-    names : list of str
-        fig1 ... fig9 or specimen.
-    directory : str or Path
-        Directory of NAME.png and of the numbers NAME.h5.
-    results : str or Path
-        Directory of the runs of figures 3 to 7.
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, or if all runs of a figure are missing.
+    ``directory`` is for these files, and ``results`` contains the runs of figures 3 to 7. Raises
+    ValueError if a name is unknown, or if all runs of a figure are missing.
     """
-    if wrong := [name for name in names if name not in {**THEORY, **RUNS}]:
-        raise ValueError(f"unknown figure {' '.join(wrong)}; expected one of: "
-                         + ", ".join(sorted({**THEORY, **RUNS})))
-    directory = Path(directory)
+    directory, known = Path(directory), sorted({**THEORY, **RUNS})
+    if unknown := set(names) - set(known):
+        raise ValueError(f"unknown figure {' '.join(sorted(unknown))}; expected one of: "
+                         + ", ".join(known))
     for name in names:
         figure, data, table = THEORY[name]() if name in THEORY else section4(name, results)
         directory.mkdir(parents=True, exist_ok=True)
@@ -405,4 +388,6 @@ def draw(names, directory, results):
         print(f"{directory / name}.png, {directory / name}.h5")
         for text, stated, computed in table:
             shown = f"{computed:.5g}" if isinstance(computed, float) else computed
+            if isinstance(computed, (bool, np.bool_)):
+                shown = "yes" if computed else "no"
             print(f"  {text:76} paper {stated!s:>18}  computed {shown}")

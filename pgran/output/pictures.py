@@ -168,26 +168,10 @@ def with_limits(style, result, name):
 
 
 def pictures(path, name="inertial_number", style=Style(), suffix=".png", which=None):
-    """Draw each snapshot of a result to a file NAME_0000.png, ..., on one colour scale.
+    """Draw each snapshot of a result, or only number ``which``, on one colour scale.
 
-    Parameters
-    ----------
-    path : str or Path
-    name : str
-        The quantity. If it is not I, the files are NAME_quantity_0000.png, ...
-    style : Style
-    suffix : str
-    which : int, optional
-        Only this snapshot; negative numbers count from the end.
-
-    Returns
-    -------
-    list of Path
-
-    Raises
-    ------
-    ResultError, OptionError
-        If there is nothing to draw.
+    Returns the paths NAME_0000.png, ... or, of another quantity than I, NAME_quantity_0000.png, ...
+    Raises `ResultError` or `OptionError` if there is nothing to draw.
     """
     result, written = Result(path), []
     chosen = snapshots_of(result, which)
