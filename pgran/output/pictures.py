@@ -317,7 +317,8 @@ def movie(result, name, style, target, rate=8):
                           f"{target.with_suffix('.gif')}")
     if len(result.snapshots) < 2:
         raise OptionError(f"-movie {target}: a movie needs at least 2 snapshots, better 50 "
-                          f"(-pgran_snapshots); {result.path} holds {len(result.snapshots)}")
+                          f"(option snapshots of a run); {result.path} holds "
+                          f"{len(result.snapshots)}")
     style = with_limits(style, result, name)
     norm = scale([], style)
     tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.whole.x[..., 1]))
