@@ -1,29 +1,28 @@
-"""Spectra of the solver's own Jacobian by SLEPc, beside the closed-form theory.
+"""Eigenvalue spectra of the discretised problem (SLEPc), compared with linear theory.
 
     mpiexec -n 2 python -m pgran.eigen -options_file options/eigen.opts [-json]
 
-solves J x = -lambda M x about the reference flow of a case, with the Jacobian J and the mass
-matrix M that the simulation uses, by shift-and-invert. Inertia is kept. With
-``-pgran_case periodic`` the cell holds one wavelength of ``-wave_vector`` each way, with
-``-pgran_cell_elements`` elements; each eigenvalue is named by the harmonic of its mode and compared
-with the theory. Other cases have their own boundary conditions, and no theory is known of them.
+Solves J x = -lambda M x about the reference flow of a case by shift-and-invert. J and M are the
+Jacobian and the mass matrix of the simulation, with inertia. With ``-pgran_case periodic`` the cell
+is one wavelength of ``-wave_vector`` in each direction, with ``-pgran_cell_elements`` elements; the
+eigenvalue of each harmonic is compared with the theory. For other cases, which have different
+boundary conditions, no theory is available.
 
     mpiexec -n 2 python -m pgran.eigen -pgran_restart NAME.h5 [-pgran_restart_snapshot n]
 
-finds the spectrum about a snapshot of a result, of any case, on its mesh. Options that are not
-given are those of the result. The flow must be steady with inertia: that of a ring needs
-``-pgran_inertia true``, and the others are the same without it. Where the mesh moves, the step of
-size ``-dt`` is linearised (`pgran.growth`), so that mesh and elastic memory take part.
+computes the spectrum about a snapshot of a result of any case, on its mesh. The options of the
+result are the defaults. The flow must be steady with inertia: an annular shear cell requires
+``-pgran_inertia true``. If the mesh moves, a time step of size ``-dt`` is linearised
+(`pgran.growth`), which includes the mesh and the stress history.
 
-A good run prints relative errors that fall with order 4 over ``-refinement n,n,...``, and
-residuals near the rounding error. Eigenvalues are in units of gdot0, largest real part first.
-The fastest mode is written to ``-pgran_output``, with a picture. Unless that is given, the file is
-NAME_mode.h5 with ``-pgran_restart NAME.h5``, and results/CASE_MODEL_mode.h5 without. ``-eps_nev``
-and other options of SLEPc hold.
+Eigenvalues are in units of gdot0, largest real part first. Relative errors decrease with order 4
+over ``-refinement n,n,...``, and residuals are close to the rounding error. The fastest mode is
+written with a picture to ``-pgran_output``, by default NAME_mode.h5 or results/CASE_MODEL_mode.h5.
+``-eps_nev`` and other options of SLEPc apply.
 """
 
-import csv
 import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -33,15 +32,17 @@ from .cli import JSON, REPORTED_ERRORS, as_json, command_option, report_unread, 
 from .options import OptionError
 
 OPTIONS = (
-    command_option("wave_vector", "floats", "wave vector A d k; the fastest one unless given", length=2),
-    command_option("refinement", "ints", "elements each way for which the fastest mode is repeated", low=2),
-    command_option("target", "floats", "where the spectrum is sought", unit="gdot0"),
-    command_option("dt", "float", "step that is linearised about a snapshot whose mesh moves", 1e-3,
-        unit="1/gdot0", low=0.0, open_low=True),
-    command_option("sweep", "int", "compare m x m wave vectors of the first quadrant with the theory; a CSV "
-        "beside the output is written as it goes", low=2),
+    command_option("wave_vector", "floats", "wave vector A d k; default: the fastest one",
+                   length=2),
+    command_option("refinement", "ints", "elements in each direction, for errors of the fastest "
+                   "mode on several meshes", low=2),
+    command_option("target", "floats", "eigenvalues near these are computed", unit="gdot0"),
+    command_option("dt", "float", "time step, for a snapshot with a moving mesh", 1e-3,
+                   unit="1/gdot0", low=0.0, open_low=True),
+    command_option("sweep", "int", "compare m x m wave vectors of the first quadrant with the "
+                   "theory and write a CSV file next to the output", low=2),
     command_option("sweep_end", "float", "largest component of these wave vectors", 0.15, low=0.0,
-        open_low=True),
+                   open_low=True),
     JSON)
 
 
@@ -51,9 +52,9 @@ def main(arguments):
 
 
 def complete(texts):
-    """Add the options of the result whose snapshot the spectrum is about, and a file for the mode.
+    """Add the options of the result that is restarted, and the default file of the mode.
 
-    ``texts`` and what is returned are {name: text}.
+    ``texts`` and the returned value are {name: text}.
     """
     if texts.get("pgran_restart"):
         from .output.reader import begun_from
@@ -66,120 +67,118 @@ def complete(texts):
     return {"pgran_output": f"results/{name}_mode.h5", **texts}
 
 
-def run(parameters, asked, comm):
-    """Answer the command line; raises `OptionError`. Collective."""
+def run(parameters, args, comm):
+    """Compute and print the spectrum; raises `OptionError`. Collective."""
     from .solve import linearised, spectrum
 
     say = print if comm.rank == 0 else (lambda *_, **__: None)
     case = parameters.part("case")
-    moves = bool(parameters.restart) and case.moving
+    moving = bool(parameters.restart) and case.moving
     waves = not parameters.restart and case.with_wave(parameters, np.ones(2)) is not None
-    if not waves and (asked.wave_vector or asked.sweep):
-        raise OptionError("-wave_vector, -sweep: allowed only with a case that holds waves, such "
-                          f"as -pgran_case periodic, not {parameters.case}, and not about a "
+    if not waves and (args.wave_vector or args.sweep):
+        raise OptionError("-wave_vector, -sweep: allowed only with a case that has plane waves, "
+                          f"such as -pgran_case periodic, not {parameters.case}, and not about a "
                           "snapshot")
-    if asked.wave_vector and not all(asked.wave_vector):
-        raise OptionError(f"-wave_vector {','.join(f'{k:g}' for k in asked.wave_vector)}: allowed "
-                          "is two numbers other than zero, one wavelength each way making the cell")
+    if args.wave_vector and not all(args.wave_vector):
+        raise OptionError(f"-wave_vector {','.join(f'{k:g}' for k in args.wave_vector)}: must be "
+                          "two numbers other than zero, which define the cell")
     try:
-        if asked.sweep:
-            sweep(parameters, asked, comm, say)
+        if args.sweep:
+            sweep(parameters, args, comm, say)
             return
         k = None
         if waves:
-            k = spectrum.fastest(parameters) if asked.wave_vector is None else np.array(
-                asked.wave_vector)
-        form, rows, modes = (linearised.spectrum(parameters, comm, asked.dt) if moves else
-                             spectrum.spectrum(parameters, comm, k, asked.target))
+            k = np.array(args.wave_vector or spectrum.fastest(parameters))
+        form, rows, modes = (linearised.spectrum(parameters, comm, args.dt) if moving else
+                             spectrum.spectrum(parameters, comm, k, args.target))
         report_unread(comm)
     except ValueError as problem:
         if isinstance(problem, REPORTED_ERRORS):
             raise
         raise OptionError(f"-wave_vector: {problem}") from None
-    if asked.json:
+    if args.json:
         keys = ["computed", "analytic", "relative_error", "residual"]
-        say(as_json([{key: row[key] for key in keys + ([] if waves else ["imaginary"])}
-                        for row in rows]))
+        keys += [] if waves else ["imaginary"]
+        say(as_json([{key: row[key] for key in keys} for row in rows]))
         return
     if modes:
-        module = linearised if moves else spectrum
+        module = linearised if moving else spectrum
         writer, field = module.write_mode(parameters.output, form, rows[0]["computed"], modes[0])
         picture = spectrum.draw_mode(writer, field, f"{field} of the fastest mode")
         say(f"  mode: {writer.path}, {writer.path.with_suffix('.xdmf')}, {picture}")
-    if parameters.restart and not moves:
-        say("  with inertia the flow is steady to a residual of "
+    if parameters.restart and not moving:
+        say("  residual of the snapshot as a steady flow with inertia: "
             f"{spectrum.unsteadiness(form):.1e} {form.case.stress_unit} d")
     table(rows, say)
-    if asked.refinement and waves:
-        refinement(parameters, asked, k, comm, say)
-    elif asked.refinement:
-        say(f"  no refinement: there is no theory of {parameters.case} to compare with")
+    if args.refinement and waves:
+        refinement(parameters, args, k, comm, say)
+    elif args.refinement:
+        say(f"  no refinement: no theory is available for {parameters.case}")
 
 
 def table(rows, say):
-    """Print eigenvalues, each with its harmonic, analytic value, error and residual."""
+    """Print eigenvalues with their analytical values, errors, residuals and harmonics."""
     say(f"  {'computed':>26} {'analytic':>16} {'error':>10} {'residual':>10}  harmonic")
     for row in rows:
-        analytic = "" if row["analytic"] is None else f"{row['analytic']:.8g}"
-        error = "" if row["relative_error"] is None else f"{row['relative_error']:.2e}"
-        say(f"  {shown(row['computed'], row['imaginary']):>26} {analytic:>16} {error:>10} "
-            f"{row['residual']:10.1e}  {row['harmonic'] or ''}")
+        computed, analytic, error = f"{row['computed']:.8g}", "", ""
+        if row["imaginary"]:
+            computed = f"{row['computed']:.6g}{row['imaginary']:+.6g}i"
+        if row["analytic"] is not None:
+            analytic, error = f"{row['analytic']:.8g}", f"{row['relative_error']:.2e}"
+        say(f"  {computed:>26} {analytic:>16} {error:>10} {row['residual']:10.1e}  "
+            f"{row['harmonic'] or ''}")
 
 
-def shown(real, imaginary):
-    """Return an eigenvalue as text."""
-    return f"{real:.8g}" if not imaginary else f"{real:.6g}{imaginary:+.6g}i"
-
-
-def refinement(parameters, asked, k, comm, say):
+def refinement(parameters, args, k, comm, say):
     """Print errors of the fastest mode and their observed orders over meshes."""
     from .solve import spectrum
 
-    before = None
+    previous = None
     say(f"  refinement of the fastest mode\n  {'elements':>9} {'computed':>16} {'error':>10} "
         f"{'order':>6}")
-    for n in asked.refinement:
-        _, rows, _ = spectrum.spectrum(parameters.replace(cell_elements=n), comm, k, asked.target)
+    for n in args.refinement:
+        _, rows, _ = spectrum.spectrum(parameters.replace(cell_elements=n), comm, k, args.target)
         error, order = rows[0]["relative_error"], ""
-        if before and error:
-            order = f"{np.log(before[1] / error) / np.log(n / before[0]):6.2f}"
-        before = n, error
+        if previous and error:
+            order = f"{np.log(previous[1] / error) / np.log(n / previous[0]):6.2f}"
+        previous = n, error
         say(f"  {n:4d} x {n:<4d} {rows[0]['computed']:14.8g} {error:10.2e} {order:>6}")
 
 
-def sweep(parameters, asked, comm, say):
+def sweep(parameters, args, comm, say):
     """Compare m x m wave vectors of the first quadrant with the theory; write a CSV. Collective.
 
-    Each is the eigenvalue of harmonic (1, +-1) of its own cell; where several modes have
-    that name, of the one that is most of it. A line is written as soon as it is known.
+    Each row is the eigenvalue of harmonic (1, +-1) of a cell; of several modes with this harmonic,
+    the one with the largest share. Rows are written immediately.
     """
     from .output.files import Disk, make_parents
     from .solve import spectrum
 
     path = Path(parameters.output).with_suffix(".csv")
     columns = ["k1", "k2", "computed", "analytic", "relative_error", "residual"]
-    ticks = asked.sweep_end * (np.arange(asked.sweep) + 0.5) / asked.sweep
-    found, worst = 0, 0.0
+    ticks = args.sweep_end * (np.arange(args.sweep) + 0.5) / args.sweep
+    errors = []
 
     def begin():
         make_parents(path)
         path.write_text(",".join(columns) + "\n")
 
     Disk(comm.tompi4py(), "output", parameters.output).do(begin)
-    for k in ((k1, k2) for k1 in ticks for k2 in ticks):
+    for k in product(ticks, ticks):
         rate = float(spectrum.theory(parameters, np.array(k)))
         _, rows, _ = spectrum.spectrum(parameters, comm, k, [rate + 1e-3 * abs(rate)])
         row = max((r for r in rows if r["harmonic"] in ((1, 1), (1, -1))),
                   key=lambda r: r["share"], default=None)
-        if row is None:
+        if not row:
             say(f"  {k[0]:.4f},{k[1]:.4f}: no eigenvalue of this wave vector converged")
             continue
-        found, worst = found + 1, max(worst, row["relative_error"])
+        errors.append(row["relative_error"])
         if comm.rank == 0:
-            with open(path, "a", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerow(
-                    [repr(float(value)) for value in (*k, *(row[key] for key in columns[2:]))])
-    say(f"  {found} wave vectors of {asked.sweep**2}, largest relative error {worst:.2e}: {path}")
+            with open(path, "a") as file:
+                values = (*k, *(row[key] for key in columns[2:]))
+                file.write(",".join(repr(float(value)) for value in values) + "\n")
+    say(f"  {len(errors)} wave vectors of {args.sweep**2}, largest relative error "
+        f"{max(errors, default=0.0):.2e}: {path}")
 
 
 if __name__ == "__main__":

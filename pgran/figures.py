@@ -1,10 +1,9 @@
 """Draw the paper's figures: python -m pgran.figures fig1 ... fig9 specimen
 
-Writes figN.png and, as figN.h5, the numbers behind it, and prints each number that the paper's
-text states beside the computed one. Where results/spectra_ngf.csv and results/spectra_li.csv exist
-(bash jobs/spectra.sh), figure 1 shows SLEPc's points on its contours. Figures 3 to 7 are drawn
-from the runs that jobs/fig3.sh to jobs/fig7.sh make. ``specimen`` is not in the paper: it shows
-the growth rates of the specimen between plates.
+Writes figN.png and its numbers figN.h5, and prints each number of the paper's text with the
+computed one. Figure 1 shows computed spectra if results/spectra_ngf.csv and spectra_li.csv exist
+(bash jobs/spectra.sh). Figures 3 to 7 need the runs of jobs/fig3.sh to jobs/fig7.sh. ``specimen``
+is not in the paper: it shows growth rates of a specimen between slipping plates.
 """
 
 import sys
@@ -12,14 +11,15 @@ import sys
 from .cli import answer, command_option
 
 OPTIONS = (command_option("output", "str", "directory of the pictures", "results/figures"),
-        command_option("results", "str", "directory of the runs of section 4", "results/section4"))
+           command_option("results", "str", "directory of the runs of figures 3 to 7",
+                          "results/section4"))
 
 
-def run(asked, names):
+def run(args, names):
     """Draw the figures and print their tables."""
     from .output import figures
 
-    figures.draw(names, asked.output, asked.results)
+    figures.draw(names, args.output, args.results)
 
 
 def main(arguments):

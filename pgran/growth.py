@@ -1,14 +1,14 @@
-"""Why a specimen localises: growth rates of the linearised time step on the moving mesh.
+"""Growth rates of a finite specimen from the linearised time step.
 
     python -m pgran.growth -options_file options/growth.opts [-dt 1e-3,5e-4] [-without faces]
         [-mode NAME.h5] [-json]
 
-A step takes the mesh, the stress and the unknowns of one time to those of the next. About the
-reference flow its linearisation has multipliers m. log(m)/dt are growth rates, in units of gdot0,
-which converge as the step goes to zero. With several steps the last line extrapolates the fastest
-one to a step of zero. Every eigenvalue comes with the residual of its eigenpair. For the specimen
-between slipping plates, the closed form (`pgran.theory.specimen`) and the formula of a column that
-creeps are printed beside it.
+A time step maps the mesh, the stress and the unknowns at one time to the next. Its linearisation
+about the reference flow has eigenvalues m, found by SLEPc, and growth rates log(m)/dt, in units of
+gdot0, which converge as dt goes to zero. With several steps, the fastest growth rate is
+extrapolated to dt = 0. Each eigenvalue is printed with the residual of its eigenpair. For a
+specimen between slipping plates, the analytical growth rate (`pgran.theory.specimen`) and the rate
+of the creep-buckling column are printed for comparison.
 """
 
 import sys
@@ -17,11 +17,10 @@ from .cli import JSON, as_json, command_option, report_unread, start
 from .options import OptionError, ParameterError
 
 OPTIONS = (
-    command_option("dt", "floats", "steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True),
-    command_option("without", "str", "parts of the coupling that are left out, with commas: faces, geometry, "
-        "interior, spin, memory (pgran.solve.linearised.PARTS says what each is)"),
-    command_option("mode", "str", "file for the fastest mode of the last step, with a picture: its "
-        "displacement, velocity, fluidity and pressure"),
+    command_option("dt", "floats", "time steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True),
+    command_option("without", "str", "omitted parts of the coupling, separated by commas: faces, "
+                   "geometry, interior, spin, memory (see pgran.solve.linearised.PARTS)"),
+    command_option("mode", "str", "file of the fastest mode of the last step, with a picture"),
     JSON)
 
 
@@ -30,62 +29,56 @@ def main(arguments):
     return start(arguments, run, __doc__, OPTIONS, slepc=True)
 
 
-def run(parameters, asked, comm):
-    """Answer the command line; raises `OptionError`. Collective."""
+def run(parameters, args, comm):
+    """Compute and print growth rates; raises `OptionError`. Collective."""
     from .solve import linearised, spectrum
     from .space.weakform import discretise
 
-    without = tuple(asked.without.split(",")) if asked.without else ()
+    without = tuple(args.without.split(",")) if args.without else ()
     if set(without) - set(linearised.PARTS):
-        raise OptionError(f"-without {asked.without}: allowed is {' | '.join(linearised.PARTS)}")
-    if len(set(asked.dt)) < len(asked.dt):
-        raise OptionError(f"-dt {','.join(f'{dt:g}' for dt in asked.dt)}: allowed are steps that "
-                          "differ")
+        raise OptionError(f"-without {args.without}: expected one or more of: "
+                          + ", ".join(linearised.PARTS))
+    if len(set(args.dt)) < len(args.dt):
+        raise OptionError(f"-dt {','.join(f'{dt:g}' for dt in args.dt)}: must be different steps")
     for name in ("restart", "mode_file"):
         if value := getattr(parameters, name):
-            raise ParameterError(name, value, "the reference flow is linearised; allowed is none; "
-                                 "pgran.eigen takes a snapshot")
+            raise ParameterError(name, value, "not allowed, because the reference flow is "
+                                 "linearised; pgran.eigen linearises about a snapshot")
     form = discretise(parameters.part("case").homogeneous(parameters), comm)
     rows = []
-    for dt in asked.dt:
+    for dt in args.dt:
         modes = linearised.fastest_modes(form, dt, without)
         rows.append({"dt": dt, "growth_rates": [[rate.real, rate.imag] for rate, _, _ in modes],
                      "residuals": [residual for _, residual, _ in modes]})
     report_unread(comm)
     files = ()
-    if modes and asked.mode:
+    if modes and args.mode:
         rate, _, mode = modes[0]
-        writer, field = linearised.write_mode(asked.mode, form, rate.real, mode, ("mode", ""))
-        picture = spectrum.draw_mode(writer, field, f"{field} of the fastest mode")
-        files = writer.path, writer.path.with_suffix(".xdmf"), picture
+        writer, field = linearised.write_mode(args.mode, form, rate.real, mode, ("mode", ""))
+        files = (writer.path, writer.path.with_suffix(".xdmf"),
+                 spectrum.draw_mode(writer, field, f"{field} of the fastest mode"))
     if comm.rank:
         return
-    if asked.json:
+    if args.json:
         print(as_json(rows))
         return
     for row in rows:
         shown = "  ".join(
             (f"{real:.6g}{imaginary:+.3g}i" if imaginary else f"{real:.6g}") + f" ({residual:.0e})"
             for (real, imaginary), residual in zip(row["growth_rates"], row["residuals"]))
-        print(f"  dt {row['dt']:.3g}: {shown or 'no multiplier converged'}")
+        print(f"  dt {row['dt']:.3g}: {shown or 'no eigenvalue converged'}")
     first = [row["growth_rates"][0][0] for row in rows if row["growth_rates"]]
     if len(first) == len(rows) > 1:
-        print(f"  extrapolated to a step of zero: {linearised.extrapolated(asked.dt, first):.6g}")
-    if not without:
-        compare(form.case)
+        print(f"  extrapolated to dt = 0: {linearised.extrapolated(args.dt, first):.6g}")
+    if form.case.specimen and not without:
+        from .theory import specimen
+
+        exact = complex(specimen.growth_rate(**form.case.specimen))
+        column = specimen.column_growth_rate(**form.case.specimen)
+        print(f"  analytical, rigid-viscous, sway with one half wave: {exact.real:.6g}\n"
+              f"  creep-buckling column: {column:.4g}")
     if files:
         print("  mode: " + ", ".join(map(str, files)))
-
-
-def compare(case):
-    """Print the growth rates of theory, for the specimen between slipping plates."""
-    from .theory import specimen
-
-    if case.specimen is None:
-        return
-    exact = complex(specimen.growth_rate(**case.specimen))
-    print(f"  closed form, rigid-viscous, sway with one half wave: {exact.real:.6g}\n"
-          f"  a column that creeps: {specimen.column_growth_rate(**case.specimen):.4g}")
 
 
 if __name__ == "__main__":

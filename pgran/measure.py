@@ -1,11 +1,11 @@
-"""Measure the shear band in result files: python -m pgran.measure NAME.h5 ... [-json]
+"""Measure shear bands: python -m pgran.measure NAME.h5 ... [-json]
 
-``python -m pgran.measure -meshes COARSE.h5 FINE.h5 ...`` compares the last snapshots of runs on
-meshes that divide each other, at common material points. The runs must not differ otherwise.
+For each snapshot it prints the range of I, whether flow is localised, and the angle of each band
+with the x1 axis and its width (full width at half maximum of I, normal to the band, averaged along
+it), or why there is no band. The method is described in `pgran.output.band`.
 
-For each snapshot it prints the range of I, whether the flow is localised, and the angle of each
-band with the x1 axis and its width (full width at half maximum of the inertial number, normal to
-the band, averaged along it), or why there is no band. `pgran.output.band` describes the method.
+``python -m pgran.measure -meshes COARSE.h5 FINE.h5 ...`` compares the last snapshots of runs that
+differ only by meshes, at common material points. Each mesh must divide the previous elements.
 """
 
 import sys
@@ -16,53 +16,38 @@ from .output import band
 from .output.reader import ResultError
 from .output.result import Result
 
-#: Options of the mesh. They are allowed to differ between runs whose meshes are compared.
+#: Options of the mesh, which may differ between the compared runs.
 MESH = "element_size", "cell_elements", "grading", "imperfection_size"
-#: Options that change the solution, although a run may begin from a result with other values.
+#: Options that must not differ, although a restart may change them.
 MATERIAL = "shear_modulus", "inertia"
-#: Decimals to which a snapshot's place in the run is compared.
-DIGITS = 9
-OPTIONS = command_option("meshes", "flag", "compare successive files instead", False), JSON
-
-
-def compare(paths, in_json):
-    """Print how far I changes from each mesh to the next, as JSON if ``in_json``."""
-    rows = band.compare(paths)
-    if in_json:
-        print(as_json(rows))
-        return
-    print("difference of I from the next mesh, over its L2 norm and over its maximum")
-    for path, row in zip(paths, rows):
-        order = "" if row["order"] is None else f"  order {row['order']:.2f}"
-        print(f"  {path}: {100 * row['l2']:.2f} %  {100 * row['maximum']:.2f} %{order}")
+OPTIONS = command_option("meshes", "flag", "compare runs on successive meshes", False), JSON
 
 
 def check_same_problem(results):
-    """Raise `OptionError` unless the last snapshots of results differ by their meshes only."""
-    problems = [problem(result) for result in results]
-    for result, other in zip(results[1:], problems[1:]):
-        differing = [f"{name} ({plain(here)} and {plain(other[name])})"
-                     for name, here in problems[0].items()
-                     if name in other and here != other[name] and None not in (here, other[name])]
+    """Raise `OptionError` unless the last snapshots of results differ only by their meshes."""
+    first, *others = [problem(result) for result in results]
+    for result, other in zip(results[1:], others):
+        differing = [f"{name} ({plain(value)} and {plain(other[name])})"
+                     for name, value in first.items()
+                     if None not in (value, other.get(name)) and value != other[name]]
         if differing:
-            raise OptionError(f"-meshes {results[0].path} {result.path}: allowed are runs that "
-                              "differ by their meshes only; these differ in "
-                              + ", ".join(differing))
+            raise OptionError(f"-meshes {results[0].path} {result.path}: the runs must differ only "
+                              f"by their meshes, but differ in {', '.join(differing)}")
 
 
 def problem(result):
-    """Return what the last snapshot of a result shows, {name: value}, without its mesh."""
+    """Return the options and the progress of the last snapshot, {name: value}, without its mesh."""
     if not result.snapshots:
         raise ResultError(result.path, "it holds 0 snapshots")
-    counted, parameters = result.case.progress_name, result.parameters
-    found = {f"-{row.prefix}{row.name}": getattr(parameters, row.name) for row in parameters.options
-             if (row.shared or row.name in MATERIAL) and row.name not in MESH}
-    found[counted] = round(float(result.snapshots[-1].attributes[counted]), DIGITS)
-    return found
+    name, parameters = result.case.progress_name, result.parameters
+    found = {f"-{option.prefix}{option.name}": getattr(parameters, option.name)
+             for option in parameters.options
+             if (option.shared or option.name in MATERIAL) and option.name not in MESH}
+    return {**found, name: round(float(result.snapshots[-1].attributes[name]), 9)}
 
 
 def describe(row):
-    """Return the line that tells what was measured in a snapshot."""
+    """Return the measurements of a snapshot as a line of text."""
     line = (f"  {row.get('label', ''):>20}  I {row['inertial_number_min']:.3e} to "
             f"{row['inertial_number_max']:.3e}  "
             f"{'localised' if row['localised'] else 'not localised'}")
@@ -74,20 +59,22 @@ def describe(row):
     return line + (f"; parts of other bands: {row['parts']}" if row["parts"] else "")
 
 
-def run(asked, paths):
+def run(args, paths):
     """Measure the files and print the result."""
-    if asked.meshes:
+    if args.meshes:
         if len(paths) < 2:
-            raise OptionError(f"-meshes {paths[0]}: allowed are two files or more")
+            raise OptionError(f"-meshes {paths[0]}: requires at least two files")
         check_same_problem([Result(path) for path in paths])
-        compare(paths, asked.json)
-        return
-    found = {path: band.measure(path) for path in paths}
-    if asked.json:
-        print(as_json(found[paths[0]] if len(paths) == 1 else found))
-        return
-    for path, rows in found.items():
-        print("\n".join([path, *map(describe, rows)]))
+        found = band.compare(paths)
+        lines = ["difference of I from the next mesh, over its L2 norm and over its maximum"]
+        for path, row in zip(paths, found):
+            order = f"  order {row['order']:.2f}" if row["order"] else ""
+            lines.append(f"  {path}: {100 * row['l2']:.2f} %  {100 * row['maximum']:.2f} %{order}")
+    else:
+        found = {path: band.measure(path) for path in paths}
+        lines = [line for path, rows in found.items() for line in (path, *map(describe, rows))]
+        found = found[paths[0]] if len(paths) == 1 else found
+    print(as_json(found) if args.json else "\n".join(lines))
 
 
 def main(arguments):

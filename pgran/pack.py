@@ -1,8 +1,8 @@
-"""Pack a result into one file, for moving and archiving: python -m pgran.pack NAME.h5 OUT.h5
+"""Pack a result into one file: python -m pgran.pack NAME.h5 OUT.h5
 
-A run writes each snapshot to a file of its own beside NAME.h5. OUT.h5 holds the history, the
-options and all snapshots under the same paths, and links to no other file. Checkpoints are not
-packed. An existing OUT.h5 is refused.
+A run writes each snapshot to a separate file in the directory of NAME.h5. OUT.h5 contains the
+history, the options and all snapshots under the same paths, without external links. Checkpoints are
+not packed. An existing OUT.h5 is not overwritten.
 """
 
 import os
@@ -18,21 +18,14 @@ from .output.snapshots import ordered
 
 
 def pack(path, target):
-    """Copy a result with all its snapshots into one file.
-
-    Parameters
-    ----------
-    path : str or Path
-        The result.
-    target : str or Path
-        The new file, which must not exist.
+    """Copy a result with all its snapshots into one new file.
 
     Raises
     ------
     ResultError
-        If ``path`` is not a result, or one of its snapshot files is missing or of another run.
+        If ``path`` is not a result, or a snapshot file is missing or belongs to another run.
     OSError
-        If ``target`` exists, or cannot be written.
+        If ``target`` exists or cannot be written.
     """
     target = Path(target)
     if os.path.lexists(target):
@@ -40,25 +33,25 @@ def pack(path, target):
     if not target.parent.is_dir():
         raise FileNotFoundError(f"{target}: there is no folder {target.parent}")
     with opened(path) as file:
-        names = ordered(file["snapshots"])
-        room = sum(data.nbytes for name in names for data in file["snapshots"][name].values())
-        draft = Draft(target, room + os.path.getsize(path))
+        snapshots = file["snapshots"]
+        size = sum(data.nbytes for group in snapshots.values() for data in group.values())
+        draft = Draft(target, size + os.path.getsize(path))
         with draft:
             draft.file.attrs.update({**file.attrs, "format": FORMAT})
             for name in ("history", "cells"):
                 if name in file:
                     file.copy(name, draft.file)
-            inside = draft.file.create_group("snapshots", track_order=True)
-            for name in names:
-                file.copy(file["snapshots"][name], inside, name)
+            copies = draft.file.create_group("snapshots", track_order=True)
+            for name in ordered(snapshots):
+                file.copy(snapshots[name], copies, name)
             vtkhdf.link(draft.file, tuple(map(bool, file.attrs.get("closed", (False, False)))))
         draft.publish(flush=True)
 
 
-def run(asked, paths):
+def run(args, paths):
     """Pack the first of two paths into the second."""
     if len(paths) != 2:
-        raise OptionError(f"{' '.join(paths)}: allowed are two files, NAME.h5 and OUT.h5")
+        raise OptionError(f"{' '.join(paths)}: must be two files, NAME.h5 OUT.h5")
     pack(*paths)
     print(f"{paths[1]}: {os.path.getsize(paths[1])} bytes")
 

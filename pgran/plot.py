@@ -1,13 +1,14 @@
-"""Draw results: python -m pgran.plot NAME.h5 [NAME.h5 ...] [options]
+"""Plot results: python -m pgran.plot NAME.h5 [NAME.h5 ...] [options]
 
-Without options each snapshot is drawn beside its file, NAME_0000.png and so on: the inertial number
-on the deformed shape, with one colour scale for a file. A file may still be written.
+By default each snapshot is drawn to a file NAME_0000.png, ... in the directory of NAME.h5: the
+inertial number on the deformed shape, with one colour scale per file. Files of running jobs can be
+plotted.
 
     python -m pgran.plot biaxial.h5 -field strain -snapshot -1 -band -arrows
-    python -m pgran.plot biaxial.h5 -together -format pdf       # all snapshots side by side
+    python -m pgran.plot biaxial.h5 -together -format pdf       # all snapshots in one picture
     python -m pgran.plot coarse.h5 fine.h5 -together -snapshot -1
     python -m pgran.plot biaxial.h5 -line 0,54,40,54            # a profile along a line
-    python -m pgran.plot biaxial.h5 -history top_stress         # stress against compression
+    python -m pgran.plot biaxial.h5 -history top_stress         # stress over compression
     python -m pgran.plot biaxial.h5 -movie biaxial.gif
 
 Quantities:
@@ -21,87 +22,74 @@ from .options import OptionError
 from .output.result import QUANTITIES, Result
 
 OPTIONS = (
-    command_option("field", "str", "quantities to draw, with commas between them", "inertial_number"),
-    command_option("snapshot", "int", "only this one; a negative number counts from the end"),
-    command_option("together", "flag", "one picture of all files and snapshots on one scale", False),
-    command_option("format", "str", "png, svg or pdf", "png"),
-    command_option("output", "str", "name of the picture of -together, -line and -history"),
-    command_option("limits", "floats", "two ends of the colour scale"),
-    command_option("log", "flag", "a logarithmic scale", False),
+    command_option("field", "str", "quantities, separated by commas", "inertial_number"),
+    command_option("snapshot", "int", "number of the only snapshot; negative from the end"),
+    command_option("together", "flag", "one picture of all files and snapshots", False),
+    command_option("format", "str", "format of the pictures", "png",
+                   choices=("png", "svg", "pdf")),
+    command_option("output", "str", "file of the picture of -together, -line and -history"),
+    command_option("limits", "floats", "smallest and largest value of the colour scale", length=2),
+    command_option("log", "flag", "logarithmic colour scale", False),
     command_option("mesh", "flag", "draw the elements", False),
     command_option("arrows", "flag", "draw the velocity", False),
     command_option("band", "flag", "draw the shear band, its angle and its width", False),
-    command_option("no_outline", "flag", "leave out where the material was at the start", False),
-    command_option("line", "floats", "a profile from x1,x2 to x1,x2 instead of a picture", unit="d"),
-    command_option("history", "str", "curves of these columns of the history, with commas between them, "
-        "instead of a picture"),
-    command_option("movie", "str", "a movie of all snapshots instead of pictures, NAME.gif or NAME.mp4"),
-    command_option("show", "flag", "an interactive window instead of a picture", False))
+    command_option("no_outline", "flag", "omit the initial outline of the material", False),
+    command_option("line", "floats", "draw a profile from x1,x2 to x1,x2", unit="d", length=4),
+    command_option("history", "str", "draw curves of columns of the history, separated by commas"),
+    command_option("movie", "str", "draw a movie of all snapshots, NAME.gif or NAME.mp4"),
+    command_option("show", "flag", "open an interactive window", False))
 __doc__ += "".join(f"\n    {name:16} {quantity.meaning}" for name, quantity in QUANTITIES.items())
 __doc__ += "\n"
 
 
-def run(asked, paths):
+def run(args, paths):
     """Draw the files and print the names of the pictures."""
-    check(asked)
-    print("\n".join(map(str, drawn(asked, paths))))
+    if args.line and args.line[:2] == args.line[2:]:
+        raise OptionError("-line {:g},{:g},{:g},{:g}: the two points must differ".format(
+            *args.line))
+    if args.limits and not args.limits[0] < args.limits[1]:
+        raise OptionError("-limits {:g},{:g}: the first number must be < the second".format(
+            *args.limits))
+    print("\n".join(map(str, drawn(args, paths))))
 
 
-def check(asked):
-    """Raise `OptionError` for values that are not allowed."""
-    from .output.pictures import FORMATS
-
-    if asked.format not in FORMATS:
-        raise OptionError(f"-format {asked.format}: allowed is {' | '.join(FORMATS)}")
-    for name, count in (("limits", 2), ("line", 4)):
-        values = getattr(asked, name)
-        if values is not None and len(values) != count:
-            raise OptionError(f"-{name} {','.join(map(str, values))}: allowed are {count} numbers")
-    if asked.line and asked.line[:2] == asked.line[2:]:
-        raise OptionError(f"-line {','.join(f'{value:g}' for value in asked.line)}: the two points "
-                          "must differ")
-    if asked.limits and not asked.limits[0] < asked.limits[1]:
-        raise OptionError(f"-limits {asked.limits[0]:g},{asked.limits[1]:g}: the first must be "
-                          "the smaller one")
-
-
-def drawn(asked, paths):
-    """Draw what is asked for; return the paths of the pictures."""
+def drawn(args, paths):
+    """Draw what the options request; return the paths of the pictures."""
     from .output import pictures
 
-    style = pictures.Style(asked.limits, asked.log, asked.mesh, asked.arrows, asked.band,
-                           not asked.no_outline)
-    suffix, one = f".{asked.format}", -1 if asked.snapshot is None else asked.snapshot
+    style = pictures.Style(args.limits, args.log, args.mesh, args.arrows, args.band,
+                           not args.no_outline)
+    suffix, one = f".{args.format}", -1 if args.snapshot is None else args.snapshot
+    results = [Result(path) for path in paths]
 
-    def target(words):
-        return Path(asked.output or Path(paths[0]).with_name(
-            f"{Path(paths[0]).stem}_{words}{suffix}"))
+    def save(figure, words):
+        written.append(Path(args.output or f"{Path(paths[0]).with_suffix('')}_{words}{suffix}"))
+        figure.savefig(written[-1])
 
-    if asked.history:
-        names = asked.history.split(",")
-        return pictures.curves([Result(path) for path in paths], names, target("_".join(names)))
-    written = []
-    names = asked.field.split(",")
+    written, names = [], args.field.split(",")
+    if args.history:
+        names = args.history.split(",")
+        save(pictures.curves(results, names), "_".join(names))
+        return written
     for name in names:
-        for path in paths:
-            pictures.check_field(Result(path), name)
+        for result in results:
+            pictures.check_field(result, name)
     for name in names:
-        if asked.show:
-            snapshot, = pictures.snapshots_of(Result(paths[0]), one)
-            written += pictures.window(snapshot, name)
-        elif asked.movie:
-            written += pictures.movie(Result(paths[0]), name, style, asked.movie)
-        elif asked.line:
-            written += pictures.profiles(
-                [Result(path) for path in paths], name, asked.line, target(f"{name}_line"), one)
-        elif asked.together:
-            chosen = [snapshot for path in paths
-                      for snapshot in pictures.snapshots_of(Result(path), asked.snapshot)]
-            pictures.panels(chosen, name, style).savefig(target(name))
-            written.append(target(name))
+        if args.show:
+            snapshot, = pictures.snapshots_of(results[0], one)
+            pictures.window(snapshot, name)
+        elif args.movie:
+            pictures.movie(results[0], name, style, args.movie)
+            written.append(args.movie)
+        elif args.line:
+            save(pictures.profiles(results, name, args.line, one), f"{name}_line")
+        elif args.together:
+            chosen = [snapshot for result in results
+                      for snapshot in pictures.snapshots_of(result, args.snapshot)]
+            save(pictures.panels(chosen, name, style), name)
         else:
             for path in paths:
-                written += pictures.pictures(path, name, style, suffix, asked.snapshot)
+                written += pictures.pictures(path, name, style, suffix, args.snapshot)
     return written
 
 

@@ -16,7 +16,7 @@ import pytest
 from conftest import ROOT, allowed, discretised, parameters, run_ranks
 
 from pgran.options import OptionError, ParameterError, SolutionError
-from pgran.output import section4 as figures
+from pgran.output import figures
 from pgran.runs import run_on_ranks
 from pgran.runs.table import Table, result_file
 from pgran.theory.specimen import growth_rate

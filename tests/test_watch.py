@@ -1,4 +1,4 @@
-"""Whoever watches a run is told how far it is, and how long it will still take."""
+"""A run reports its progress, its remaining time and its end."""
 
 import os
 import shlex
@@ -20,15 +20,14 @@ SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.002)
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    """A run that was stopped halfway, and drew pictures of two steps."""
+    """A run that was stopped, with pictures of two steps."""
     path = tmp_path_factory.mktemp("watch") / "small.h5"
     run_pgran(2, "biaxial.opts", path, *SMALL, "-ts_max_steps", 8, "-pgran_picture_every", 4)
     return path
 
 
 @pytest.mark.parametrize("power", [0.5, 0.7, 1.0])
-def test_the_time_left_is_right_within_a_factor_of_two_from_the_first_tenth_on(power):
-    """Over the paces of the runs at hand: seconds grow as a power of the share that is done."""
+def test_the_remaining_time_is_right_within_a_factor_of_two_after_the_first_tenth(power):
     done = np.linspace(0.0, 1.0, 200)[1:]**(1.0 / power)
     spent = 300.0 * done**power
     for count in range(np.searchsorted(done, 0.1) + 1, len(done)):
@@ -36,12 +35,11 @@ def test_the_time_left_is_right_within_a_factor_of_two_from_the_first_tenth_on(p
         assert 0.5 * true < found < 2.0 * true
 
 
-def test_before_three_steps_nobody_can_tell():
-    assert progress.left([0.1, 0.2], [1.0, 2.0]) is None and progress.left(
-        [0.2] * 4, [1.0] * 4) is None
+def test_the_remaining_time_is_unknown_at_first():
+    assert not progress.left([0.1, 0.2], [1.0, 2.0]) and not progress.left([0.2] * 4, [1.0] * 4)
 
 
-def test_durations_are_words():
+def test_durations_have_suitable_units():
     assert [progress.words(s) for s in (7.2, 600.0, 9000.0)] == ["7 s", "10 min", "2.5 h"]
 
 
@@ -49,6 +47,7 @@ def test_a_curve_of_text_has_its_points_and_scales():
     lines = watch.curve(np.arange(5.0), np.arange(5.0)**2, (17, 5))
     assert [line.find("*") for line in lines[:5]] == [28, -1, 24, 20, 12]
     assert lines[0].strip().startswith("16 |") and lines[4].strip().startswith("0 |")
+    assert watch.curve(np.ones(3), np.ones(3))[-3].count("*") == 1
 
 
 def changed(path, copy, **attributes):
@@ -61,51 +60,45 @@ def changed(path, copy, **attributes):
     return copy
 
 
+@pytest.fixture(scope="module")
+def ended():
+    """The identifier of a process that has ended."""
+    code = "import pgran.output.files as f; print(f.this_process())"
+    return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True,
+                          text=True).stdout.strip()
+
+
 @pytest.mark.parametrize("attributes, words", [
     ({"state": "stopped"}, "compression, stopped"), ({"state": "failed"}, "compression, failed"),
     ({"state": "complete", "complete": True, "seconds": 60.0}, "complete after 60 s"),
-    ({"state": "running", "process": "another/1 12 345"}, "ended: its file has not changed for")],
-    ids=["stopped", "failed", "complete", "silent on another machine"])
-def test_watching_ends_with_the_run(path, tmp_path, capsys, attributes, words):
-    copy = changed(path, tmp_path / "run.h5", **attributes)
+    ({"state": "running", "process": "another/1 12 345"}, "ended: its file has not changed for"),
+    ({"state": "running"}, "killed: its process has ended")],
+    ids=["stopped", "failed", "complete", "silent on another machine", "killed"])
+def test_the_monitor_ends_with_the_run(path, tmp_path, capsys, attributes, words, ended):
+    copy = changed(path, tmp_path / "run.h5", **{"process": ended, **attributes})
     os.utime(copy, (1e9, 1e9))
     assert watch.main([str(copy), "-every", "0.1"]) == 0
     assert words in capsys.readouterr().out
 
 
-def test_a_run_whose_process_has_ended_counts_as_killed(path, tmp_path, capsys):
-    code = "import pgran.output.files as f; print(f.this_process())"
-    process = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True,
-                             text=True).stdout.strip()
-    assert files.is_running(process) is False and files.is_running(files.this_process()) is True
-    assert files.is_running("another/1 12 345") is None and files.is_running("") is None
-    copy = changed(path, tmp_path / "run.h5", state="running", process=process)
-    assert watch.main([str(copy), "-every", "0.1"]) == 0
-    assert "killed: its process has ended" in capsys.readouterr().out
-
-
-def test_a_run_of_another_machine_is_waited_for(path, tmp_path):
+def test_only_processes_of_this_machine_are_known_to_have_ended(path, tmp_path, ended):
+    found = map(files.is_running, (ended, files.this_process(), "another/1 12 345", ""))
+    assert list(found) == [False, True, None, None]
     result = Result(changed(path, tmp_path / "run.h5", state="running", process="another/1 2 3"))
-    assert watch.ending(result, 1000.0) is None
+    assert not watch.ending(result, 1000.0)
 
 
-def test_a_run_stores_how_it_ended(path, tmp_path):
-    assert Result(path).attributes["state"] == "stopped"  # by -ts_max_steps
-    run_pgran(0, "direct.opts", tmp_path / "whole.h5", *SMALL[:4], "-pgran_compression", 0.0001)
-    assert Result(tmp_path / "whole.h5").attributes["state"] == "complete"
-
-
-def test_watching_tells_what_the_file_holds(path, tmp_path, capsys):
+def test_the_monitor_shows_the_last_step(path, tmp_path, capsys):
     path = changed(path, tmp_path / "run.h5", state="running", process=files.this_process())
     assert watch.main([str(path), "-once"]) == 0
     text = capsys.readouterr().out
-    steps = len(Result(path).history["time"])
-    assert f"step {steps}," in text and "so far, some" in text and "*" in text
+    assert f"step {len(Result(path).history['time']):4d}  dt" in text and "*" in text
+    assert "running for" in text and " left" in text
     assert watch.main([str(path), "-once", "-column", "nosuch"]) == 1
     assert "-column nosuch" in capsys.readouterr().err
 
 
-def test_a_run_draws_pictures_on_its_way(path):
+def test_a_run_draws_pictures_of_its_steps(path):
     names = sorted(picture.name for picture in path.parent.glob("*.png"))
     assert names == ["small_step0004.png", "small_step0008.png"]
     from matplotlib.image import imread
@@ -113,11 +106,13 @@ def test_a_run_draws_pictures_on_its_way(path):
     assert len(np.unique(image.reshape(-1, image.shape[2]), axis=0)) > 10
 
 
-def test_a_run_ends_with_the_commands_that_one_would_type_next(tmp_path):
+def test_a_run_stores_its_end_and_prints_the_next_commands(path, tmp_path):
+    assert Result(path).attributes["state"] == "stopped"  # by -ts_max_steps
     output = tmp_path / "r.h5"
-    text = run_pgran(0, "biaxial.opts", output, *SMALL, "-ts_max_steps", 2).stdout
-    last = [line.split("next:")[-1].strip() for line in text.splitlines()[-3:]]
-    assert [command.split(" ", 1)[1] for command in last[:2]] == [
+    text = run_pgran(0, "direct.opts", output, *SMALL[:4], "-pgran_compression", 1e-4).stdout
+    assert Result(output).attributes["state"] == "complete"
+    commands = [line.split("next:")[-1].strip() for line in text.splitlines()[-3:]]
+    assert [command.split(" ", 1)[1] for command in commands[:2]] == [
         f"-m pgran.plot {output}", f"-m pgran.measure {output}"]
-    for command in last:
+    for command in commands:
         subprocess.run(shlex.split(command), check=True, timeout=allowed(60), capture_output=True)

@@ -1,50 +1,54 @@
-"""How long a run will still take; numpy only."""
+"""Estimates of the remaining time of a run; numpy only."""
 
 import numpy as np
 
-#: Steps grow as this power of how far the run is. Over the runs of figure 6, a slope and a chute
-#: the estimate is then 0.6 to 1.95 of the truth, from the first tenth on.
+#: Time steps grow as this power of the progress. Over the runs of figure 6, an inclined plane and a
+#: chute, the estimate is then 0.6 to 1.95 of the true value after the first tenth.
 GROWTH = 0.45
-#: Before this share is done nothing is said of what is left.
+#: No estimate is shown before this progress.
 EARLY = 0.04
-#: What a Newton iteration costs in linear iterations: its residual, Jacobian and set-up.
+#: Cost of a Newton iteration (residual, Jacobian and set-up) in linear iterations.
 NEWTON = 12.0
 
 
 def left(done, spent):
-    """Return what a run will still take, in the unit of ``spent``; None before it can be told.
+    """Return the remaining cost of a run, in the unit of ``spent``, or None if it is unknown.
 
-    Steps get longer while a run goes on. So the pace of the last half of the steps, over the share
-    from s0 to s, is taken to grow as s^q, q = `GROWTH`: with w spent on it the rest takes
-    (s^(q - 1) - 1)/(1 - q) s/(s - s0) w. Where nothing has yielded yet in the first tenth of a
-    run this is too short by up to five times.
+    Steps grow during a run, so the rate of progress is assumed to be proportional to s^q with
+    q = `GROWTH`. If the last half of the steps, from s0 to s, has cost w, the rest costs
+    (s^(q - 1) - 1)/(1 - q) s/(s - s0) w. Before the material yields the estimate can be five times
+    too small.
 
     Parameters
     ----------
     done : sequence of float
-        The share of the run that lay behind after each step, 0 to 1.
+        Progress after each step, 0 to 1.
     spent : sequence of float
-        What was spent until then, such as seconds.
+        Cost until then, such as seconds.
     """
-    if len(done) < 3:
-        return None
     half = (len(done) - 1) // 2
-    s, s0 = done[-1], done[half]
-    if not s0 < s:
+    if len(done) < 3 or not done[half] < done[-1]:
         return None
-    steps = (min(s, 1.0)**(GROWTH - 1.0) - 1.0) / (1.0 - GROWTH) * s / (s - s0)
-    return steps * (spent[-1] - spent[half])
+    s, s0 = done[-1], done[half]
+    ratio = (min(s, 1.0)**(GROWTH - 1.0) - 1.0) / (1.0 - GROWTH) * s / (s - s0)
+    return ratio * (spent[-1] - spent[half])
 
 
 def work(history):
-    """Return the work (n,) until each step of a history {name: (n,)}, in linear iterations."""
+    """Return the cost (n,) until each step of a history {name: (n,)}, in linear iterations."""
     return np.cumsum(history["linear_iterations"] + NEWTON * history["newton_iterations"])
 
 
+def step_text(number, row):
+    """Return a step with the number ``number`` and the row ``row`` of the history as text."""
+    return (f"step {number:4d}  dt {row['step_size']:.2e}  "
+            f"Newton {row['newton_iterations']:2d}  linear {row['linear_iterations']:4d}  "
+            f"I {row['inertial_number_min']:.2e} to {row['inertial_number_max']:.2e}")
+
+
 def words(seconds):
-    """Return a duration in words."""
-    if seconds < 100.0:
-        return f"{seconds:.0f} s"
-    if seconds < 6000.0:
-        return f"{seconds / 60.0:.0f} min"
+    """Return a duration as text."""
+    for unit, size, limit in (("s", 1.0, 100.0), ("min", 60.0, 6000.0)):
+        if seconds < limit:
+            return f"{seconds / size:.0f} {unit}"
     return f"{seconds / 3600.0:.1f} h"

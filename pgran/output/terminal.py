@@ -1,4 +1,4 @@
-"""What a run says on the terminal, on rank 0."""
+"""Terminal output of a run, on rank 0."""
 
 import os
 import shutil
@@ -12,14 +12,14 @@ from . import progress
 
 
 class Terminal:
-    """Reports a run: what is solved, how far it is, and where the results are.
+    """Prints the problem and the solver, the progress of a run, and where the results are.
 
     Parameters
     ----------
     comm : PETSc.Comm
     detail : str
-        steps (a line for each step), brief (a line for each fiftieth of the run or half minute, so
-        that a log file stays short) or quiet.
+        steps (one line per step), brief (one line per 2 % of the run or 30 s, for log files) or
+        quiet.
     """
 
     def __init__(self, comm, detail):
@@ -34,48 +34,42 @@ class Terminal:
             print(text, flush=True)
 
     def opening(self, form, ts):
-        """Say what is being solved, and with which solver."""
+        """Print the problem and the solver. Collective."""
         grid, snes, parameters = form.grid, ts.getSNES(), form.case.parameters
         ksp = snes.getKSP()
         pc = ksp.getPC()
-        solver = pc.getFactorSolverType() if pc.getType() in ("lu", "cholesky") else None
-        unknowns = self.comm.tompi4py().allreduce(grid.n_owned)
-        nx, ny = grid.shape
+        solver = f" ({pc.getFactorSolverType()})" if pc.getType() in ("lu", "cholesky") else ""
+        unknowns, ranks = self.comm.tompi4py().allreduce(grid.n_owned), self.comm.size
         self.say(
             f"pgran {__version__} on PETSc {'.'.join(map(str, PETSc.Sys.getVersion()))}: "
             f"{parameters.case}, {parameters.model}, {parameters.law}\n"
-            f"  {unknowns} unknowns, {nx} x {ny} Q2-Q1 elements, {self.comm.size} "
-            f"rank{'s' if self.comm.size > 1 else ''}; I0 = {parameters.inertial_number:g}, "
+            f"  {unknowns} unknowns, {grid.shape[0]} x {grid.shape[1]} Q2-Q1 elements, {ranks} "
+            f"rank{'s' if ranks > 1 else ''}; I0 = {parameters.inertial_number:g}, "
             f"G = {parameters.shear_modulus:g} {form.case.stress_unit}\n"
             f"  TS {ts.getType()}, SNES {snes.getType()}, KSP {ksp.getType()}, "
-            f"PC {pc.getType()}{f' ({solver})' if solver else ''}")
+            f"PC {pc.getType()}{solver}")
 
     def step(self, number, done, text, report):
         """Report an accepted step.
 
-        ``done`` is the share of the run that lies behind, 0 to 1, ``text`` how far it is in words,
-        and ``report`` holds a value for each column of the history.
+        ``done`` is the progress, 0 to 1, ``text`` its label, and ``report`` contains a value for
+        each column of the history.
         """
-        now = time.monotonic()
-        mark = int(50 * done)
+        now, mark = time.monotonic(), int(50 * done)
         self._done.append(done)
         self._spent.append(now - self.start)
         if self.detail == "brief" and mark == self._mark and now - self.last < 30.0:
             return
         self._mark, self.last = mark, now
         seconds = progress.left(self._done, self._spent) if done >= progress.EARLY else None
-        left = "" if seconds is None else f"  {progress.words(seconds):>6} left"
-        self.say(f"  {text}  step {number:4d}  dt {report['step_size']:.2e}  "
-                 f"Newton {report['newton_iterations']:2d}  "
-                 f"linear {report['linear_iterations']:4d}  "
-                 f"I {report['inertial_number_min']:.2e} to {report['inertial_number_max']:.2e}"
-                 f"{left}")
+        left = f"  {progress.words(seconds):>6} left" if seconds is not None else ""
+        self.say(f"  {text}  {progress.step_text(number, report)}{left}")
 
     def closing(self, writer, cost, further):
-        """Say what the run took, where its results are, and which commands one would type next.
+        """Print the cost of the run, where the results are, and useful next commands.
 
-        ``cost`` is that of `Driver.cost` and more; ``further`` is a module that is worth starting
-        next, with its options.
+        ``cost`` is the dictionary of `pgran.solve.driver.Driver.cost` with seconds and memory;
+        ``further`` is a module to run next, with its options.
         """
         path, python = writer.path, interpreter()
         self.say(f"  {cost['steps']} steps ({cost['steps_repeated']} repeated smaller), "
@@ -88,10 +82,10 @@ class Terminal:
 
 
 def interpreter():
-    """Return how one types the Python that runs this, from the present folder."""
+    """Return the command that starts this Python from the current directory."""
     found = shutil.which("python")
     if found and os.path.realpath(found) == os.path.realpath(sys.executable) \
             and os.path.dirname(found) == os.path.dirname(sys.executable):
         return "python"
-    near = os.path.relpath(sys.executable)
-    return sys.executable if near.startswith("..") else near
+    path = os.path.relpath(sys.executable)
+    return sys.executable if path.startswith("..") else path
