@@ -1,15 +1,16 @@
 """Cost of runs, steps and linear systems: bench NAME [lists]
 
-    bench answer [element sizes: "2 1"] [sizes of strict runs: "2 1"]
+    bench reference [element sizes: "2 1"] [sizes of strict runs: "2 1"]
     bench iterations [element sizes: "2 1 0.5"] [ranks: "1 2 3 4"]
     bench inertia [element sizes: "4 2 1"] [ranks: "1 2"]
     bench flows [element sizes: "1 0.5 0.25"] [ranks: "1 2"]
     bench size [element sizes: "2 1 0.5"] [ranks: "1 2 3 4"] [sizes of MUMPS: the same]
     bench large [widths: "40 80 160"] [ranks: "1 2 4"]
     bench guard
+    bench compiled [element sizes on one and two ranks: "1 0.5"]
 
-`answer` runs the reference simulation to 10 % compression on two ranks, with default and with
-strict tolerances. `iterations` counts outer iterations to 1e-6 in one step before, during and after
+`reference` runs the reference simulation to 10 % compression on two ranks, with default and with
+strict tolerances. `iterations` counts outer iterations to 1e-6 in one step, at three stages of
 localisation. `inertia` counts them for the first system of steps of many sizes, with inertia and
 without. `flows` counts them in the flows on fixed meshes, in pseudo-time and in ten time steps.
 `size` has seconds per Newton iteration and peak memory of a step from 10 %, by multigrid and by
@@ -29,7 +30,7 @@ from pgran.output.result import Result
 from pgran.runs import run_on_ranks
 from pgran.runs.table import result_file
 
-from .study import Report, run
+from .study import Report, run, write_text
 
 BENCH = Path("results/bench")
 MULTIGRID = "options/flows_mg.opts"
@@ -63,7 +64,8 @@ MUMPS = ("-dm_mat_type", "aij", "-ksp_type", "preonly", "-pc_type", "lu",
 #: Time limit of a step, s.
 LIMIT = 1800
 
-ALL = [("answer",), ("iterations",), ("inertia",), ("flows",), ("size",), ("large",), ("guard",)]
+ALL = [("reference",), ("iterations",), ("inertia",), ("flows",), ("size",), ("large",), ("guard",),
+       ("compiled",)]
 
 
 def measure(ranks, *arguments, file=FILE, check=True):
@@ -108,13 +110,13 @@ def report(name, columns):
     return Report(BENCH / f"{name}.csv", columns, f"bench_{name}")
 
 
-def answer(sizes="2 1", strict="2 1", *, options=()):
+def reference(sizes="2 1", strict="2 1", *, options=()):
     """Time and result of the reference simulation, compared with strict tolerances."""
-    table = report("answer", {
+    table = report("reference", {
         "element (d)": "", "s": ".1f", "MB": ".0f", "steps": "d", "Newton": "d", "linear": "d",
         "I max": ".4e", "difference from strict (%)": "+.2f", "angle": ".1f", "width": ".1f"})
     for size in sizes.split():
-        path, exact, off = BENCH / f"answer_{size}.h5", BENCH / f"strict_{size}.h5", None
+        path, exact, off = BENCH / f"reference_{size}.h5", BENCH / f"strict_{size}.h5", None
         if size in strict.split():
             run(exact, "biaxial", *options, "-pgran_element_size", size, *STRICT, ranks=2)
         took = run(path, "biaxial", *options, "-pgran_element_size", size, ranks=2).attributes
@@ -267,6 +269,18 @@ def guard(*, options=()):
         table.row(f"{quantity} relative to compiled code, d, one rank", found.get(name))
     table.row("run at 2 d on two ranks relative to one compiled Jacobian and MUMPS at d",
               took["seconds"] / found["compiled"] if found else None)
+
+
+def compiled(sizes="1 0.5", *, options=()):
+    """Assembly and a Newton iteration relative to compiled code, on one and two ranks."""
+    states, texts = BENCH / "states.h5", []
+    run(states, "biaxial", "-pgran_snapshots", STATES)
+    for ranks, size in enumerate(sizes.split(), 1):
+        texts.append(run_on_ranks.python(
+            ranks, "jobs/bench/compiled.py", "-options_file", FILE, *run_on_ranks.QUIET, *options,
+            "-pgran_element_size", size, "-from", states, "-snapshot", LAST, "-dt", 3e-4,
+            stdout=subprocess.PIPE, text=True).stdout)
+    write_text("bench_compiled", "\n".join(texts))
 
 
 def main(bench, *lists, options=()):

@@ -31,11 +31,11 @@ FLOWS = (
 LEADING = 3
 #: Step of the nonlinear runs times the rate, and the steps between which the rate is measured.
 SHARE, BETWEEN = 0.02, (10, 50)
-#: Largest velocity of the disturbance over that of the flow.
+#: Largest velocity of the disturbance over the largest velocity of the flow.
 SIZE = 1e-4
 #: Shear modulus of the nonlinear runs: elastic waves must not matter.
 RIGID = 1e8
-#: Planar shear in which waves along the flow have room: side of the square (d), element sizes, I0.
+#: Planar shear with room for waves along the flow: side of the square (d), element sizes, I0.
 SQUARE, SIZES, NUMBERS = 10, (1, 0.5, 0.25), (1e-3, 1e-2)
 #: Where growing waves are sought, gdot0.
 TARGETS = "0,1e3,1e4,1e5,1e6"

@@ -1,9 +1,8 @@
 """Fault injection: kills, a disk quota, a read-only folder, a full disk: kill [moments] [dir]
 
 A run is killed (SIGKILL to all its processes) at 20 random moments and resumed each time on another
-number of ranks. Its fields and its history must equal those of an undisturbed run. Then a quota, a
-read-only folder and a full disk end the run: each must give one error and leave the last
-checkpoint intact, and the run is resumed from it. The full disk is a small tmpfs, which only root
+number of ranks. Fields and history must equal those of an undisturbed run. Then a quota, a read-only
+folder and a full disk end the run: each must give one error and leave the last checkpoint intact, and the run is resumed from it. The full disk is a small tmpfs, which only root
 can mount; without root it is skipped.
 """
 
@@ -48,12 +47,12 @@ def steps(path):
         return len(file["history/time"])
 
 
-def difference(path, whole):
+def difference(path, undisturbed):
     """Return the largest difference of two results, over the maximum of each field.
 
     Raises SolutionError where snapshots or histories do not correspond.
     """
-    with h5py.File(path, "r") as mine, h5py.File(whole, "r") as theirs:
+    with h5py.File(path, "r") as mine, h5py.File(undisturbed, "r") as theirs:
         times = [file["history/time"][...] for file in (mine, theirs)]
         if times[0].shape != times[1].shape or np.any(np.diff(times[0]) <= 0.0):
             raise SolutionError(f"{path}: the history has {times[0].size} entries instead of "
@@ -68,9 +67,9 @@ def difference(path, whole):
     return max(far)
 
 
-def checked(path, whole):
+def checked(path, undisturbed):
     """Return the `difference` of two results. Raises SolutionError beyond the tolerance."""
-    far = difference(path, whole)
+    far = difference(path, undisturbed)
     if far > TOLERANCE:
         raise SolutionError(f"{path}: difference {far:.1e} exceeds {TOLERANCE:g}")
     return far
@@ -106,14 +105,15 @@ def killed(path, ranks, chance):
 
 def kills(moments, directory):
     """Kill a run at random moments; print the results."""
-    whole, path, chance = directory / "whole.h5", directory / "killed.h5", random.Random(1)
-    run_on_ranks.run(whole, FILE, *OPTIONS, ranks=1)
+    undisturbed, path = directory / "undisturbed.h5", directory / "killed.h5"
+    chance = random.Random(1)
+    run_on_ranks.run(undisturbed, FILE, *OPTIONS, ranks=1)
     remove(path)
     ranks, count = itertools.cycle(RANKS), 0
     while count < moments:
         number = next(ranks)
         if killed(path, number, chance):  # the run was complete: start again
-            print(f"  complete on {number} ranks, difference {checked(path, whole):.1e}")
+            print(f"  complete on {number} ranks, difference {checked(path, undisturbed):.1e}")
             remove(path)
             continue
         count += 1
@@ -125,7 +125,7 @@ def kills(moments, directory):
     else:
         run_on_ranks.run(path, FILE, *OPTIONS)
     print(f"  {moments} kills: {steps(path)} history entries, difference of the fields from an "
-          f"undisturbed run {checked(path, whole):.1e}")
+          f"undisturbed run {checked(path, undisturbed):.1e}")
 
 
 def mount(*arguments):
@@ -133,7 +133,7 @@ def mount(*arguments):
     subprocess.run(arguments, check=True, capture_output=True)
 
 
-def fault(name, path, whole, spoil, mend, before=()):
+def fault(name, path, undisturbed, spoil, mend, before=()):
     """Break the disk of a run to ``path``, repair it, and resume; print the results.
 
     ``spoil(process)`` is called once there are two checkpoints, ``mend()`` before the restart, and
@@ -157,7 +157,7 @@ def fault(name, path, whole, spoil, mend, before=()):
     mend()
     run_on_ranks.python(2, "-m", "pgran", *more, "-pgran_restart", path)
     print(f"  {name}: {messages[0]}\n    {held[0]} steps and {held[1]} checkpoints on disk; "
-          f"difference after the restart {checked(path, whole):.1e}", flush=True)
+          f"difference after the restart {checked(path, undisturbed):.1e}", flush=True)
 
 
 def restrict(number):
@@ -167,17 +167,17 @@ def restrict(number):
 
 def faults(directory):
     """Inject a quota, a read-only folder and a full disk."""
-    whole, root = directory / "whole.h5", not os.geteuid()
+    undisturbed, root = directory / "undisturbed.h5", not os.geteuid()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
-        fault("quota", path, whole, lambda process: run_on_ranks.for_processes(process, restrict),
-              lambda: None)
+        fault("quota", path, undisturbed,
+              lambda process: run_on_ranks.for_processes(process, restrict), lambda: None)
     with tempfile.TemporaryDirectory() as folder:  # root ignores permissions
         os.chmod(folder, 0o777)
         user = ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups")
         if root:
             os.chown(folder, NOBODY, NOBODY)
-        fault("read-only folder", Path(folder) / "run.h5", whole,
+        fault("read-only folder", Path(folder) / "run.h5", undisturbed,
               lambda process: os.chmod(folder, 0o555),
               lambda: os.chmod(folder, 0o777), user if root else ())
     if not root:
@@ -187,7 +187,7 @@ def faults(directory):
     disk.mkdir(exist_ok=True)
     mount("mount", "-t", "tmpfs", "-o", f"size={SMALL}", "tmpfs", str(disk))
     try:
-        fault("full disk", disk / "run.h5", whole, lambda process: None,
+        fault("full disk", disk / "run.h5", undisturbed, lambda process: None,
               lambda: mount("mount", "-o", f"remount,size={100 * SMALL}", str(disk)))
     finally:
         mount("umount", str(disk))

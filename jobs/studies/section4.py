@@ -1,5 +1,6 @@
-"""Figures 3 to 7 of the paper (section 4): section4 fig3 ... fig7 [element sizes]
+"""Figures of the paper: section4 fig3 ... fig7 [element sizes], section4 theory
 
+Figures 3 to 7 need runs; `theory` draws figures 1, 2, 8 and 9 and the growth rates of the specimen.
 Element sizes such as "2 1 0.5" apply to figures 6 and 7. Results go to PGRAN_RESULTS
 (results/section4), where figures share runs, and figures to results/figures.
 """
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from pgran.runs import run_on_ranks
 
-from .study import docs_file
+from .study import docs_file, write_tables
 
 RESULTS = Path(os.environ.get("PGRAN_RESULTS", "results/section4"))
 #: Width (d), I0 and element size (d) of the NGF runs, as in the names of their files.
@@ -18,7 +19,8 @@ RUNS = {"fig3": [("40", "0.001", "0.5")],
         "fig5": [("40", I0, "0.5") for I0 in ("0.001", "0.007", "0.03")]}
 #: The run of figure 3 ends at 14 % compression; figures 4 to 6 share it.
 LONG = RUNS["fig3"][0]
-ALL = [(f"fig{number}",) for number in (3, 4, 5, 6, 7)]
+THEORY = "fig1", "fig2", "fig8", "fig9", "specimen"
+ALL = [("theory",), *((f"fig{number}",) for number in (3, 4, 5, 6, 7))]
 
 
 def runs(figure, sizes, options=()):
@@ -40,8 +42,11 @@ def main(figure, sizes="2 1 0.5", *, options=()):
     """Make the runs of a figure and draw it."""
     from pgran.output import figures
 
-    if figure not in (*RUNS, "fig6", "fig7"):
-        raise ValueError(f"{figure}: expected one of: fig3, fig4, fig5, fig6, fig7")
-    runs(figure, sizes.split(), options)
+    if (figure,) not in ALL:
+        raise ValueError(f"{figure}: expected one of: {', '.join(name for name, in ALL)}")
+    if figure != "theory":
+        runs(figure, sizes.split(), options)
     target = docs_file("figures", f"{figure}.png")
-    figures.draw([figure], target.parent if target else "results/figures", RESULTS)
+    write_tables(f"section4_{figure}", lambda: figures.draw(
+        THEORY if figure == "theory" else [figure],
+        target.parent if target else "results/figures", RESULTS))

@@ -31,6 +31,20 @@ COUPLINGS = ("", "spin", "memory", "spin,memory", "interior", "faces", "geometry
              "faces,geometry")
 HEIGHTS = 60, 80, 120, 160, 240
 BASE = "-pgran_element_size", 2
+_BARREL = {"half_waves": 2, "parity": "barrel"}
+#: Name, options, arguments of the analytical solution, and which rate of the linearised step.
+MODES = (
+    ("L = 40 d, H = 120 d, I0 = 0.001", (), {}, 0),
+    ("elements of d", ("-pgran_element_size", 1), {}, 0),
+    *((f"H = {height} d", ("-pgran_height", height), {}, 0) for height in (60, 80, 160, 240)),
+    *((f"H = {height} d, barrel, n = 2", ("-pgran_height", height), _BARREL, 1)
+      for height in (60, 80)),
+    *((f"L = {width} d, H = {3 * width} d", ("-pgran_width", width, "-pgran_height", 3 * width), {},
+       0) for width in (20, 80)),
+    *((f"I0 = {number:g}", ("-pgran_inertial_number", number), {}, 0)
+      for number in (1e-4, 0.003, 0.007, 0.03)),
+    ("I0 = 0.03, LI", ("-pgran_inertial_number", 0.03, "-pgran_model", "li"), {}, 0),
+    *((f"G = {G:g}", ("-pgran_shear_modulus", G), {}, 0) for G in (100, 1e4, 1e5)))
 _SLOW = {"step": 5e-4, "end": 0.05}
 #: Name, options, and arguments of `measured` of the last table. With inertia, loading
 #: leaves a pattern of 4 % of I0 that the mode must outgrow.
@@ -160,6 +174,17 @@ def coupling_table(directory, *options):
         table.row(without or "nothing", shown(predicted(*options, *more)[0]))
 
 
+def analytical_table(directory, *options):
+    """Analytical growth rates with elasticity, and the linearised step."""
+    table = Report(directory / "analytical.csv", {
+        "case": "", "analytical": ".6g", "linearised step, extrapolated": ".6g",
+        "difference (%)": "+.3f"}, "specimen_analytical")
+    for name, varied, wave, number in MODES:
+        more = (*options, *varied, "-eps_tol", 1e-9)
+        exact, found = analytical(more[:-2], **wave).real, predicted(*more)[number].real
+        table.row(name, exact, found, 100 * (found / exact - 1))
+
+
 def heights_table(directory, *options):
     """Two fastest growth rates over the height, and theory."""
     table = Report(directory / "heights.csv", {
@@ -191,7 +216,7 @@ def runs_table(directory, *options):
 def main(directory="results/specimen", *, options=()):
     """Make the tables, the runs and the picture of the fastest mode."""
     directory, options = Path(directory), (*BASE, *options)
-    for table in (steps_table, coupling_table, heights_table, runs_table):
+    for table in (steps_table, coupling_table, analytical_table, heights_table, runs_table):
         table(directory, *options)
         print()
     mode, steady = directory / "mode.h5", (*options, "-pgran_imperfection", 1)

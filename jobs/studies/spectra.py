@@ -5,12 +5,13 @@ vectors over the inertial number, and the spectrum of the specimen on its frozen
 its size, I0 and mesh.
 """
 
+import subprocess
 from itertools import product
 from pathlib import Path
 
 from pgran.runs import run_on_ranks
 
-from .study import Report, command
+from .study import Report, command, write_text
 
 FILE = "options/eigen.opts"
 #: Models, I0 and wave vectors A d k of the table of single wave vectors.
@@ -53,6 +54,9 @@ def specimen(number, width, size, *options):
 def main(directory="results", *, options=()):
     """Make all tables."""
     directory, fine = Path(directory), ("-pgran_cell_elements", 32, *options)
+    write_text("eigen_periodic", run_on_ranks.python(
+        run_on_ranks.RANKS, "-m", "pgran.eigen", "-options_file", FILE, *options,
+        stdout=subprocess.PIPE, text=True).stdout)
     for model in ("ngf", "li"):
         run_on_ranks.python(run_on_ranks.RANKS, "-m", "pgran.eigen", "-options_file", FILE,
                             *options, "-pgran_model", model, "-pgran_law", "jop", "-pgran_output",

@@ -1,12 +1,13 @@
 """Runs of many points, commands, tables and figures that studies share."""
 
 import functools
+import io
 import json
 import os
 import platform
 import subprocess
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from pgran import __version__
@@ -57,6 +58,22 @@ def write_page(path, lines):
     """Write lines of Markdown and the stamp to ``path``, unless it is None."""
     if path:
         path.write_text("\n".join([*lines, "", stamp()]) + "\n")
+
+
+def write_text(name, text):
+    """Print text, and write it to docs/generated/NAME.md as it is."""
+    print(text)
+    write_page(docs_file("generated", f"{name}.md"), ["```text", text.rstrip(), "```"])
+
+
+def write_tables(name, action):
+    """Call ``action()``, and write the tables that it prints to docs/generated/NAME.md."""
+    with redirect_stdout(io.StringIO()) as output:
+        action()
+    text = output.getvalue()
+    print(text)
+    write_page(docs_file("generated", f"{name}.md"),
+               [line for line in text.splitlines() if line.startswith("|") or not line])
 
 
 @functools.cache
