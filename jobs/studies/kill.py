@@ -1,9 +1,10 @@
 """Fault injection: kills, a disk quota, a read-only folder, a full disk: kill [moments] [dir]
 
 A run is killed (SIGKILL to all its processes) at 20 random moments and resumed each time on another
-number of ranks. Fields and history must equal those of an undisturbed run. Then a quota, a read-only
-folder and a full disk end the run: each must give one error and leave the last checkpoint intact, and the run is resumed from it. The full disk is a small tmpfs, which only root
-can mount; without root it is skipped.
+number of ranks. Fields and history must equal those of an undisturbed run. Then a quota, a
+read-only folder and a full disk end the run: each must give one error and leave the last checkpoint
+intact, from which the run is resumed. The full disk is a small tmpfs, which only root can mount;
+without root it is skipped.
 """
 
 import itertools
