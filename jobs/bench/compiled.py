@@ -1,12 +1,12 @@
-r"""A Newton iteration and its assembly beside compiled code, in one run on the same ranks.
+r"""A Newton iteration and its assembly compared with compiled code, in one run on the same ranks.
 
     mpiexec -n 2 python jobs/bench/compiled.py -options_file options/biaxial.opts \
         -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 [-dt 1e-3] [-json]
 
 The compiled code is the same weak form written in UFL, compiled by FFCx and assembled by
-dolfinx 0.5 (Debian's python3-dolfinx-real), with a fresh MUMPS factorisation and one
-solution each Newton iteration. Prints microseconds an element on this number of ranks,
-seconds a Newton iteration, and their ratios. With ``-json`` it is one JSON object.
+dolfinx 0.5 (Debian's python3-dolfinx-real), with one MUMPS factorisation and solution per Newton
+iteration. Prints microseconds per element, seconds per Newton iteration, and their ratios, with
+``-json`` as one JSON object.
 """
 
 import json
@@ -20,7 +20,7 @@ from studies.one_step import OPTIONS
 
 
 def best(action, ranks, repeats=5):
-    """Return the least of the times that ``action`` takes on the slowest rank, in seconds."""
+    """Return the smallest time of ``action`` on the slowest rank, s."""
     times = []
     for _ in range(repeats):
         ranks.barrier()
@@ -120,29 +120,29 @@ def ours(parameters, comm, path, number):
             best(lambda: form.residual(form.grid.to_local(vector), zero, increment), ranks))
 
 
-def action(parameters, asked, comm):
-    """Answer the command line. Collective."""
+def action(parameters, args, comm):
+    """Run the command line. Collective."""
     from studies.one_step import one_step
 
-    path, number = getattr(asked, "from"), asked.snapshot
+    path, number = getattr(args, "from"), args.snapshot
     case, *mine = ours(parameters, comm, path, number)
     theirs = compiled(case, comm.tompi4py())
-    rows = one_step(parameters, comm, path, number, asked.dt)["newton"]
+    rows = one_step(parameters, comm, path, number, args.dt[0])["newton"]
     newton = sum(row["seconds"] for row in rows) / len(rows)
     if comm.rank:
         return
     elements = int(np.prod(case.shape))
     each = 1e6 / elements
     iterations = [row["iterations"] for row in rows]
-    if asked.json:
+    if args.json:
         print(json.dumps({"jacobian": mine[0] / theirs[0], "residual": mine[1] / theirs[1],
                           "newton": newton / sum(theirs), "iterations": iterations,
                           "compiled": theirs[0] + theirs[2]}))
         return
     print(f"element size {parameters.element_size:g} d, {elements} elements, {comm.size} ranks")
     print(f"{'':34}{'compiled':>10}{'pgran':>10}{'ratio':>8}")
-    lines = [("Jacobian, us an element", theirs[0] * each, mine[0] * each),
-             ("residual, us an element", theirs[1] * each, mine[1] * each),
+    lines = [("Jacobian, us per element", theirs[0] * each, mine[0] * each),
+             ("residual, us per element", theirs[1] * each, mine[1] * each),
              ("Newton iteration, s", sum(theirs), newton)]
     for name, a, b in lines:
         print(f"{name:34}{a:10.3f}{b:10.3f}{b / a:8.2f}")

@@ -1,5 +1,5 @@
-"""Studies: questions that are put to many runs. ``python -m studies`` starts and lists them.
+"""Studies: lists of runs, a measurement of each, and tables and figures of the documentation.
 
-The process of a study starts no MPI itself. It starts runs on ranks, measures their result files
-and writes tables; `pgran.runs.run_on_ranks` says which runs are not repeated.
+The process of a study starts no MPI. `pgran.runs.run_on_ranks` starts its runs and reuses complete
+ones.
 """

@@ -1,32 +1,49 @@
-"""Do results converge with the mesh if the weak square does not? meshes [sizes: NGF] [sizes: LI]
+"""Mesh convergence with a weakened square of fixed size: meshes [sizes: NGF] [sizes: LI] [end: LI]
 
-The weak square keeps its side of 2 d, so that what is left of the differences in figures 6 and 7 is
-that of the meshes. Element sizes are "2 1 0.5" for both models unless given. The table has the
-differences of I between successive meshes, as `pgran.output.band.mesh_differences` tells.
+NGF, LI with the law of Bingham type, which is ill-posed at I0 = 0.001, and LI with the law of
+Barker and Gray, which is well-posed, on elements of "2 1 0.5" d. The square keeps its side of 2 d.
+NGF is compressed by 10 %, LI by 0.01. The table has the range of I at the nodes, the number of
+bands on a line up the specimen at L/4, and the difference of I from the previous mesh.
 """
 
+from pathlib import Path
+
 from pgran.output import band
-from pgran.runs import run_on_ranks
-from pgran.runs.table import COST, Table, cost
+from pgran.runs.table import COST, cost
 
-from .section4 import RESULTS
+from .study import Report, attempt
 
-#: Options files of the models.
-FILES = {"ngf": "options/biaxial.opts", "li": "options/li.opts"}
-COLUMNS = {"model": "", "from (d)": "", "to (d)": "", "over L2 norm (%)": ".2f",
-           "over maximum (%)": ".2f", "order": ".2f", **COST}
+RESULTS = Path("results/meshes")
+#: Model, law, options file.
+MODELS = (("ngf", "bingham", "biaxial"), ("li", "bingham", "li"), ("li", "barker_gray", "li"))
+COLUMNS = {"model": "", "law": "", "element (d)": "", "I from": ".3e", "I to": ".3e",
+           "localised": "", "bands": "d", "over L2 norm (%)": ".2f", "over maximum (%)": ".2f",
+           "order": ".2f", **COST}
 
 
-def main(ngf="2 1 0.5", li="2 1 0.5", *, options=()):
-    """Make the runs and the table; costs are those of the finer run."""
-    table = Table(RESULTS / "meshes.csv", COLUMNS)
-    for model, sizes in (("ngf", ngf.split()), ("li", li.split())):
-        paths = []
-        for number, size in enumerate(sizes):
-            paths.append(RESULTS / f"{model}_square_h{size}.h5")
-            took = run_on_ranks.run(paths[-1], FILES[model], *run_on_ranks.QUIET, *options,
-                              "-pgran_imperfection_size", 2, "-pgran_element_size", size)
-            if number:
-                found = band.compare(paths)[-1]
-                table.row(model, sizes[number - 1], size, 100 * found["l2"],
-                          100 * found["maximum"], found["order"], *cost(took))
+def crossed(result):
+    """Return how many bands a line of nodes at L/4 crosses in the last snapshot."""
+    I = result.snapshots[-1]["inertial_number"]
+    return band.stretches(I[:, I.shape[1] // 4] > result.options["inertial_number"])
+
+
+def main(ngf="2 1 0.5", li="2 1 0.5", end="0.01", *, options=()):
+    """Make the runs and the table."""
+    table = Report(RESULTS / "meshes.csv", COLUMNS)
+    for model, law, file in MODELS:
+        paths, stop = [], ("-pgran_compression", end, "-pgran_snapshots", end)
+        for size in (ngf if model == "ngf" else li).split():
+            path = RESULTS / f"{model}_{law}_h{size}.h5"
+            result = attempt(table, (model, law, size), path, file, *options, "-pgran_law", law,
+                             "-pgran_element_size", size, "-pgran_imperfection_size", 2,
+                             *(stop if model == "li" else ()))
+            if result is None:
+                continue
+            paths.append(path)
+            found = band.measure(path)[-1]
+            change = band.compare(paths[-3:])[-1] if len(paths) > 1 else None
+            table.row(model, law, size, found["inertial_number_min"], found["inertial_number_max"],
+                      "yes" if found["localised"] else "no", crossed(result),
+                      *([100 * change["l2"], 100 * change["maximum"], change["order"]]
+                        if change else [None] * 3), *cost(result))
+    table.close()

@@ -1,17 +1,15 @@
-"""Does the specimen care which form of NGF it has? primitive [element sizes] [directory]
+"""Steady and dynamic NGF in the reference simulation: primitive [element sizes] [directory]
 
-The main job with the primitive form of NGF, on elements of "2 1" d, beside the steady form. t0 goes
-from 1e-4 to 1 times T, the time in which creep buckling grows by a factor of e with the steady form
-(`pgran.theory.specimen`). While the specimen is loaded, mu < mu_s and g decays. The elastic element
-is therefore stiffer than in the main job, so that loading takes less time than t0.
+The reference simulation with the dynamic ("primitive") form of NGF on elements of "2 1" d, compared
+with the steady form. t0 ranges from 1e-4 to 1 times T, the e-folding time of creep buckling with
+the steady form. While the specimen is loaded, mu < mu_s and g decays; the elastic element is
+stiffer than in the reference simulation, so that loading takes less time than t0.
 
-rates.csv has growth rates: of the fastest wave in free space, of the specimen in closed form, of a
-column that creeps, of the linearised step (pgran.growth), of this step for the shape that the
-specimen has when the disturbance is measured, and of nonlinear runs with a faint imperfection.
-primitive.csv has the band in each snapshot: the onset is the compression at which the largest I
-passes 1.5 I0 for good, the calm I is that below which a tenth of the specimen lies, and the
-difference is that of I from the steady form at the same material points, in the L2 norm.
-primitive.png draws both.
+The first table has growth rates: of the fastest wave in an infinite medium, of the specimen
+(analytical), of the creep-buckling column, of the linearised step (pgran.growth), of this step
+corrected for the current shape, and of nonlinear runs with a faint imperfection. The second has the
+band in each snapshot: the onset is the compression at which the largest I passes 1.5 I0 for good,
+and the difference compares I with the steady form at the same material points, in the L2 norm.
 """
 
 from pathlib import Path
@@ -21,36 +19,37 @@ import numpy as np
 from pgran import cases
 from pgran.output import band
 from pgran.runs import run_on_ranks
-from pgran.runs.table import COST, Table, cost, result_file
+from pgran.runs.table import COST, cost, result_file
 from pgran.theory import waves
 
 from . import specimen
+from .study import Report, attempt, figure
 
-#: t0 over T; none is the steady form.
+#: t0 over T; None is the steady form.
 SHARES = None, 1e-4, 1e-3, 1e-2, 1e-1, 1.0
-#: A stiffer elastic element than that of the main job.
+#: A stiffer elastic element than in the reference simulation.
 STIFF = "-pgran_shear_modulus", 1e5
-#: I over I0 beyond which flow is no more homogeneous.
+#: I over I0 beyond which flow is no longer homogeneous.
 ONSET = 1.5
-#: Time that a disturbance has to grow, and step, over the time in which it grows by e.
+#: Time for growth, and step, over the e-folding time.
 GROWTH, RESOLVED = 16.0, 0.1
-RATES = {"t0/T": "", "t0 (1/gdot0)": ".2e", "wave": ".1f", "its length (d)": ".1f",
-         "closed form": ".1f", "column": ".1f", "linearised step": ".1f",
-         "for the shape then": ".1f", "nonlinear run": ".1f"}
+RATES = {"t0/T": "", "t0 (1/gdot0)": ".2e", "wave": ".1f", "wavelength (d)": ".1f",
+         "analytical": ".1f", "column": ".1f", "linearised step": ".1f",
+         "corrected for the current shape": ".1f", "nonlinear run": ".1f"}
 COLUMNS = {"element (d)": "", "t0/T": "", "compression": "g", "onset (%)": ".2f",
-           "I max": ".3e", "calm I/I0": ".2e", "below mu_s (%)": ".1f", "localised": "",
-           "angle": ".1f", "width": ".1f", "difference (%)": ".2f", **COST}
+           "I max": ".3e", "10th percentile of I/I0": ".2e", "below mu_s (%)": ".1f",
+           "localised": "", "angle": ".1f", "width": ".1f", "difference (%)": ".2f", **COST}
 
 
 def forms(options):
     """Yield the name, t0 (1/gdot0; None for the steady form) and the options of each form of NGF.
 
-    ``options`` are those of all runs.
+    ``options`` apply to all runs.
     """
-    growing = 1.0 / specimen.closed_form(options).real
+    growing = 1.0 / specimen.analytical(options).real
     for share in SHARES:
         if share is None:
-            yield "steady form", None, tuple(options)
+            yield "steady", None, tuple(options)
         else:
             t0 = float(f"{share * growing:.4g}")
             yield f"{share:g}", t0, (*options, "-pgran_model", "ngf_primitive",
@@ -58,7 +57,7 @@ def forms(options):
 
 
 def wave(options):
-    """Return the growth rate (gdot0) and the length (d) of the fastest wave in free space."""
+    """Return growth rate (gdot0) and length (d) of the fastest wave in an infinite medium."""
     parameters = cases.read(run_on_ranks.parsed(options))
     coefficients = waves.Coefficients.of_run(parameters)
     k, rate, _ = waves.fastest(coefficients)
@@ -69,9 +68,9 @@ def wave(options):
 
 def rates_table(directory, options):
     """Write the table of growth rates; return its rows."""
-    table, rows = Table(directory / "rates.csv", RATES), []
+    table, rows = Report(directory / "rates.csv", RATES, "primitive_rates"), []
     for name, t0, given in forms(options):
-        closed, step = specimen.closed_form(given).real, specimen.predicted(*given)[0].real
+        closed, step = specimen.analytical(given).real, specimen.predicted(*given)[0].real
         found, time = specimen.measured(
             result_file(directory, f"faint {name}"), *given, step=RESOLVED / closed,
             end=1.0 - np.exp(-GROWTH / closed / 2.0))
@@ -81,8 +80,8 @@ def rates_table(directory, options):
     return rows
 
 
-def calm(result):
-    """Return what is quiet in each snapshot: I/I0 below which a tenth lies, and % below mu_s."""
+def quiescent(result):
+    """Return for each snapshot the 10th percentile of I/I0 by area, and the % below mu_s."""
     found = []
     I0, yield_ratio = (result.options[name] for name in ("inertial_number", "mu_s"))
     for snapshot in result.snapshots:
@@ -109,23 +108,22 @@ def onset(result):
 
 
 def band_table(directory, sizes, options):
-    """Make the runs of the main job and their table; return the results of the first size."""
-    table, curves = Table(directory / "primitive.csv", COLUMNS), []
+    """Make the runs and their table; return the histories of the first size."""
+    table, curves = Report(directory / "primitive.csv", COLUMNS), []
     for size in sizes:
         reference = None
         for name, _, given in forms(options):
             path = result_file(directory, f"{name} h{size}")
-            result = run_on_ranks.run(path, "options/biaxial.opts", *run_on_ranks.QUIET, *given,
-                                "-pgran_element_size", size, needed=False)
+            result = attempt(table, (size, name), path, "biaxial", *given, "-pgran_element_size",
+                             size)
             if result is None:
-                table.note(size, name, "did not come to its end")
                 continue
             reference = reference or path
-            for row, (quiet, below) in zip(band.measure(path), calm(result)):
-                apart = 100.0 * band.compare([path, reference])[0]["l2"]
+            for row, (quiet, below) in zip(band.measure(path), quiescent(result)):
+                far = 100.0 * band.compare([path, reference])[0]["l2"]
                 table.row(size, name, row["compression"], onset(result), row["inertial_number_max"],
                           quiet, below, "yes" if row["localised"] else "no", row["angle"],
-                          row["width"], apart, *cost(result))
+                          row["width"], far, *cost(result))
             if size == sizes[0]:
                 curves.append((name, *history(result)))
     table.close()
@@ -146,22 +144,19 @@ def draw(rates, curves, path):
     ``rates`` are rows of `RATES`, and ``curves`` have a name, compressions (n,) and I/I0 (n,).
     """
     import matplotlib
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.0), constrained_layout=True)
     (_, _, *steady), *relaxing = rates
     t0, columns = [row[1] for row in relaxing], list(zip(*(row[2:] for row in relaxing)))
-    for n, label, style in ((0, "wave in free space", "k--"), (2, "closed form", "tab:red"),
-                            (3, "column", "tab:blue"), (4, "linearised step", "ko")):
-        left.loglog(t0, columns[n], style, label=label, fillstyle="none")
-        left.axhline(steady[n], color="0.8", linewidth=0.8, zorder=0)
-    left.set(xlabel=r"$t_0\,\dot\gamma^0$", ylabel=r"growth rate over $\dot\gamma^0$")
-    left.legend(fontsize=8, title="grey: steady form", title_fontsize=8)
-    for (name, compression, largest), shade in zip(curves, np.linspace(0.0, 0.9, len(curves))):
-        right.plot(100.0 * compression, largest, color=plt.cm.viridis(shade),
-                   label=name if name == curves[0][0] else f"$t_0 = {name}\\,T$")
-    right.set(xlabel="compression (%)", ylabel="$I_{max}/I^0$")
-    right.legend(fontsize=8)
-    figure.savefig(path, dpi=130)
-    print(path)
+    with figure(path, 1, 2, figsize=(10.0, 4.0)) as (_, (left, right)):
+        for n, label, style in ((0, "wave in an infinite medium", "k--"),
+                                (2, "analytical", "tab:red"), (3, "column", "tab:blue"),
+                                (4, "linearised step", "ko")):
+            left.loglog(t0, columns[n], style, label=label, fillstyle="none")
+            left.axhline(steady[n], color="0.8", linewidth=0.8, zorder=0)
+        left.set(xlabel=r"$t_0\,\dot\gamma^0$", ylabel=r"growth rate over $\dot\gamma^0$")
+        left.legend(fontsize=8, title="grey: steady form", title_fontsize=8)
+        for (name, compression, largest), shade in zip(curves, np.linspace(0.0, 0.9, len(curves))):
+            right.plot(100.0 * compression, largest, color=matplotlib.cm.viridis(shade),
+                       label=name if name == curves[0][0] else f"$t_0 = {name}\\,T$")
+        right.set(xlabel="compression (%)", ylabel="$I_{max}/I^0$")
+        right.legend(fontsize=8)

@@ -1,19 +1,23 @@
-"""How does the band of figure 3 depend on what the paper does not state? sensitivity [directory]
+"""Sensitivity of the band to parameters that the paper does not state: sensitivity [directory]
 
-Elastic modulus, step, imperfection, law and plates, on elements of 2 d. Options hold for all runs.
-The table has the band in each snapshot (5 and 10 %) and the cost of each run. Meshes are the matter
-of `studies.meshes`.
+Elastic modulus, time step, mesh, imperfection, law, plates and inertial number, on elements of 2 d.
+The table has the band in each snapshot, the cost, and the largest difference of I from the base at
+the same material points, over the largest I of the base. The study fails where the difference at
+the end exceeds `LIMITS`.
 """
 
 from pathlib import Path
 
-from pgran.options import RUN
+import numpy as np
+
+from pgran.options import RUN, SolutionError
 from pgran.output import band
-from pgran.runs import run_on_ranks
-from pgran.runs.table import COST, Table, cost, result_file
+from pgran.runs.table import COST, cost, result_file
+
+from .study import Report, attempt
 
 #: The step error of the base.
-DEFAULT = next(row.default for row in RUN if row.name == "step_error")
+DEFAULT = next(option.default for option in RUN if option.name == "step_error")
 CASES = {
     "base": (),
     "G = 100": ("-pgran_shear_modulus", 100),
@@ -24,27 +28,44 @@ CASES = {
        for value in (0.05, 0.025)},
     "steps up to 1e-3": ("-pgran_step_max", 1e-3),
     "steps up to 5e-4": ("-pgran_step_max", 5e-4),
+    "elements of d": ("-pgran_element_size", 1),
     "imperfection 0.9": ("-pgran_imperfection", 0.9),
     "imperfection 0.95": ("-pgran_imperfection", 0.95),
     "imperfection 0.999": ("-pgran_imperfection", 0.999),
-    "weak square of 4 d": ("-pgran_imperfection_size", 4),
+    "weakened square of 4 d": ("-pgran_imperfection_size", 4),
     "mirrored": ("-pgran_imperfection_mirrored", "true"),
     "Jop": ("-pgran_law", "jop"),
-    "plates that hold": ("-pgran_plates_slip", "false")}
-COLUMNS = {"case": "", "compression": "g", "I max": ".3e", "angle": ".1f", "width": ".1f", **COST}
+    "no-slip plates": ("-pgran_plates_slip", "false"),
+    "I0 = 0.03": ("-pgran_inertial_number", 0.03)}
+#: Largest difference from the base at the end, per cent of the largest I of the base.
+LIMITS = {"G = 1e4": 3.0, "steps up to 1e-3": 2.0, "elements of d": 10.0}
+COLUMNS = {"case": "", "compression": "g", "I min": ".4e", "I max": ".4e", "difference (%)": ".2f",
+           "angle": ".1f", "width": ".1f", **COST}
+
+
+def difference(fine, coarse):
+    """Return the largest difference of two fields (ny, nx) at nodes of the coarse one."""
+    step = (len(fine) - 1) // (len(coarse) - 1)
+    return float(np.abs(fine[::step, ::step] - coarse).max())
 
 
 def main(directory="results/sensitivity", *, options=()):
-    """Make the runs and the table."""
-    table = Table(Path(directory) / "sensitivity.csv", COLUMNS)
+    """Make the runs and the table; raises `pgran.options.SolutionError` beyond the limits."""
+    table, base, exceeded = Report(Path(directory) / "sensitivity.csv", COLUMNS), {}, []
     for name, varied in CASES.items():
         path = result_file(directory, name)
-        took = run_on_ranks.run(path, "options/biaxial.opts", *run_on_ranks.QUIET, *options, *varied,
-                          needed=False)
-        if took is None:
-            table.note(name, "did not come to its end")
+        result = attempt(table, (name,), path, "biaxial", *options, *varied)
+        if result is None:
             continue
-        for row in band.measure(path):
-            table.row(name, row["compression"], row["inertial_number_max"], row["angle"],
-                      row["width"], *cost(took))
+        for row, snapshot in zip(band.measure(path), result.snapshots):
+            I, label = snapshot["inertial_number"], snapshot.label
+            reference = base.setdefault(label, I) if name == "base" else base.get(label)
+            far = None if reference is None else (
+                100 * difference(I, reference) / float(reference.max()))
+            table.row(name, row["compression"], row["inertial_number_min"],
+                      row["inertial_number_max"], far, row["angle"], row["width"], *cost(result))
+        if far is not None and far > LIMITS.get(name, np.inf):
+            exceeded.append(name)
     table.close()
+    if exceeded:
+        raise SolutionError(f"difference from the base beyond its limit: {', '.join(exceeded)}")
