@@ -17,7 +17,8 @@ from conftest import discretised, pgran, refused, run_ranks
 from pgran.output import files, snapshots, vtkhdf
 from pgran.output.reader import ResultError, opened
 from pgran.output.result import Result
-from pgran.output.writer import Source, Writer
+from pgran.output.start import Source
+from pgran.output.writer import Writer
 from pgran.pack import main as pack_main, pack
 from pgran.runs import run_on_ranks
 
@@ -122,7 +123,7 @@ def test_a_missing_and_a_foreign_snapshot_file_are_named(tmp_path, form):
         assert file["VTKHDF/PointData/pressure"].shape == (form.grid.nodes.shape[0]
                                                            * form.grid.nodes.shape[1],)
     shutil.copy(names[0], names[1])
-    with pytest.raises(ResultError, match=f"{names[1]} is another one: it was written as "
+    with pytest.raises(ResultError, match=f"{names[1]} was written as "
                                           f"{names[0].name}"):
         Result(path)
     names[1].write_bytes(content)
@@ -225,7 +226,7 @@ PIECES = """
 import numpy as np
 from mpi4py import MPI
 from pgran.output import files
-comm, files.PIECE = MPI.COMM_WORLD, 8 * 12
+comm, files.MESSAGE_SIZE = MPI.COMM_WORLD, 8 * 12
 sent = []
 class Comm:
     rank, size, Recv = comm.rank, comm.size, comm.Recv
@@ -238,7 +239,7 @@ block = rows, slice(0, 11)
 target = {"a": np.zeros(whole.shape), "b": np.zeros((7, 11))} if comm.rank == 0 else None
 problem = files.write_blocks(Comm(), target, [("a", block, whole[block]),
                                               ("b", block, whole[..., 0][block])])
-assert problem is None and all(size <= files.PIECE for size in sent)
+assert problem is None and all(size <= files.MESSAGE_SIZE for size in sent)
 if comm.rank == 0:
     assert (target["a"] == whole).all() and (target["b"] == whole[..., 0]).all()
 else:
@@ -315,7 +316,7 @@ def test_kill_ends_the_processes_of_a_run_and_no_others(tmp_path):
             run_on_ranks.kill(run)
             run.wait(10)
             time.sleep(0.1)
-            assert not any(files._process(number) for number in found)
+            assert not any(files.start_time(number) for number in found)
             assert other.poll() is None
         finally:
             other.kill()

@@ -198,12 +198,12 @@ RUNS = {
     **{f"restart from {kind}": (["-pgran_restart", f"{kind}.h5"],
                                 f"-pgran_restart {kind}.h5: {text}")
        for kind, text in {
-           "nosuch": "there is no such file", "text": "it cannot be read", "folder": "it is not a",
+           "nosuch": "there is no such file", "text": "cannot be read", "folder": "it is not a",
            "empty": "it cannot be read", "truncated": "it cannot be read", "pipe": "it is not a",
-           "other": "it is no result", "data": "it is no result", "flat": "snapshot 0000 has no",
+           "other": "not a pgran result file", "data": "not a pgran result file", "flat": "snapshot 0000 has no",
            "odd": "inertial_number of snapshot", "strange": "its options cannot be read",
-           "untold": "it is no result", "mute": "its options cannot be read",
-           "keep": "it has no checkpoint to go on from"}.items()},
+           "untold": "not a pgran result file", "mute": "its options cannot be read",
+           "keep": "it has no checkpoint to resume from"}.items()},
     "restart with another width": (["-pgran_restart", "keep.h5", "-pgran_width", "16"],
                                    "cannot change -pgran_width (here 16, there 8.0)"),
     "restart in time from a snapshot": (["-pgran_restart", "keep.h5", "-pgran_restart_snapshot",
@@ -213,7 +213,7 @@ RUNS = {
                                  "cannot change -pgran_law (here jop, there bingham)"),
     **{f"steady from {kind}": (["-ts_type", "pseudo", "-pgran_restart", f"{kind}.h5"], text)
        for kind, text in {
-           "text": "it cannot be read", "other": "it is no result", "nothing": "it holds 0 snaps",
+           "text": "cannot be read", "other": "not a pgran result file", "nothing": "it holds 0 snaps",
            "lost": "has no coordinates", "keep": "its 5 x 5 nodes are not"}.items()},
     "steady from no snapshot": (["-ts_type", "pseudo", "-pgran_restart", "keep.h5",
                                  "-pgran_restart_snapshot", "7"], "it holds 1 snapshots"),
@@ -276,14 +276,14 @@ COMMANDS = [
     ("measure", ["nosuch.h5"], "there is no such file"),
     *(("measure", [f"{kind}.h5"], text) for kind, text in {
         "text": "cannot be read", "truncated": "cannot be read", "other": "no result",
-        "data": "no result", "nothing": "it holds 0 snapshots", "flat": "has no coordinates",
-        "odd": "no field of numbers", "words": "no field of numbers", "lost": "no coordinates",
+        "data": "not a pgran result", "nothing": "it holds 0 snapshots", "flat": "has no coordinates",
+        "odd": "not a field of numbers", "words": "not a field of numbers", "lost": "no coordinates",
         "pipe": "not a regular file", "folder": "not a regular file"}.items()),
     ("measure", ["-meshes", "keep.h5", "other.h5"], "no result"),
     ("measure", ["-nosuch", "keep.h5"], "-nosuch: no such option"),
     ("plot", ["other.h5"], "no result"),
     ("plot", ["nothing.h5"], "it holds 0 snapshots"),
-    ("plot", ["words.h5"], "no field of numbers"),
+    ("plot", ["words.h5"], "not a field of numbers"),
     ("figures", ["fig0"], "fig0: allowed is"),
     ("figures", ["fig6", "-results", "nosuch"], "no results in nosuch"),
     ("stability", ["-wave_vector", "a,b"], "-wave_vector a,b: allowed is"),
