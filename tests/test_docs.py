@@ -1,4 +1,4 @@
-"""The pages hold: links lead somewhere, names are in the code, commands and files are there."""
+"""Documentation: links, equations, commands and files that the pages name exist."""
 
 import importlib
 import re
@@ -7,41 +7,46 @@ from functools import reduce
 import pytest
 from conftest import ROOT
 
-PAGES = sorted([*ROOT.glob("docs/*.md"), ROOT / "README.md"])
+PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md"])
 COMMANDS = {path.stem for path in (ROOT / "pgran").glob("*.py")} | {"cases", "studies"}
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
 def anchors(page):
-    """The anchors of the headings of a page, as GitHub makes them."""
+    """The anchors of the headings of a page, as GitHub creates them."""
     heads = re.findall(r"^#+ (.*)$", page.read_text(), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@each_page
 def test_links_lead_to_pages_sections_and_files(page):
-    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
-    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+    text = page.read_text()
+    included = re.findall(r"^```\{include\} (\S+)", text, flags=re.MULTILINE)
+    text = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    for target in [*included, *re.findall(r"\]\(([^)\s]+)\)", text)]:
         if target.startswith("http"):
             continue
         name, _, anchor = target.partition("#")
         other = (page.parent / name) if name else page
-        assert other.exists(), f"{page.name}: {target}"
-        if anchor:
-            assert anchor in anchors(other), f"{page.name}: {target}"
+        assert other.exists(), target
+        assert not anchor or anchor in anchors(other), target
 
 
-def test_every_page_is_in_the_site_and_in_the_readme():
-    listed = set(re.findall(r"^([\w]+)$", (ROOT / "docs/index.md").read_text(), re.MULTILINE))
-    pages = {path.stem for path in ROOT.glob("docs/*.md")} - {"index"}
-    assert pages <= listed
-    assert all(f"docs/{name}.md" in (ROOT / "README.md").read_text() for name in pages - {"api"})
+def test_every_page_is_in_the_site():
+    listed = {ROOT / "docs" / "index.md"}
+    for page in PAGES:
+        for tree in re.findall(r"```\{toctree\}(.*?)```", page.read_text(), re.DOTALL):
+            listed |= {page.parent / f"{name}.md" for name in re.findall(
+                r"^(?:.*<)?([\w/]+)>?$", tree, re.MULTILINE)}
+    assert {page for page in PAGES if "generated" not in page.parts} - listed == {
+        ROOT / "README.md"}
 
 
-def test_every_equation_has_its_place_in_the_code():
-    rows = re.findall(r"^\| .* \| `(pgran[\w.]+)` \|$", (ROOT / "docs/model.md").read_text(),
-                      re.MULTILINE)
-    assert len(rows) > 15
-    for name in rows:
+def test_the_function_of_every_equation_exists():
+    model, = ROOT.glob("docs/**/model.md")
+    names = re.findall(r"^\| .* \| `(pgran[\w.]+)` \|$", model.read_text(), re.MULTILINE)
+    assert len(names) > 15
+    for name in names:
         parts = name.split(".")
         for count in range(len(parts), 0, -1):
             try:
@@ -52,12 +57,10 @@ def test_every_equation_has_its_place_in_the_code():
         reduce(getattr, parts[count:], module)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_commands_and_files_are_there(page):
+@each_page
+def test_commands_and_files_exist(page):
     text = page.read_text()
-    for name in re.findall(r"python -m pgran\.(\w+)", text):
-        assert name in COMMANDS or name == "studies", (page.name, name)
+    commands = re.findall(r"python -m pgran\.(\w+)|\bpgran-(\w+)\b(?![-.\w])", text)
+    assert {name for pair in commands for name in pair if name} <= COMMANDS | {"KIND", "ready"}
     for name in re.findall(r"\b(?:jobs|options|docs)/[\w/]+\.(?:sh|py|opts|slurm|def)\b", text):
-        assert (ROOT / name).exists(), (page.name, name)
-    for name in re.findall(r"\bpgran-(\w+)\b(?![-.\w])", text):
-        assert name in COMMANDS or name in ("KIND", "ready"), (page.name, name)
+        assert (ROOT / name).exists(), name

@@ -316,7 +316,7 @@ def test_kill_ends_the_processes_of_a_run_and_no_others(tmp_path):
             run_on_ranks.kill(run)
             run.wait(10)
             time.sleep(0.1)
-            assert not any(files.start_time(number) for number in found)
+            assert not any(files.process_identity(number) for number in found)
             assert other.poll() is None
         finally:
             other.kill()

@@ -97,29 +97,10 @@ def write(path, grid, run, step, values, arrays, option=("output", PREFIX)):
 def newest(path, run, accept, disk):
     """Return ``accept(file)`` of the newest valid checkpoint of a run. Collective.
 
-    Parameters
-    ----------
-    path : Path
-        The result file.
-    run : str
-        The identifier of the run; checkpoints of other runs are skipped.
-    accept : callable
-        ``accept(file)`` reads an open checkpoint on every rank. It raises OSError, KeyError,
-        RuntimeError or ValueError if the checkpoint is damaged.
-    disk : pgran.output.files.Disk
-
-    Returns
-    -------
-    result : object
-    found : Path
-        The checkpoint.
-    damaged : list of str
-        Newer checkpoints that could not be read, with the reasons.
-
-    Raises
-    ------
-    ParameterError
-        If there is no valid checkpoint.
+    ``accept`` reads an open checkpoint on every rank, and raises an error for a damaged one. Also
+    returns the checkpoint (Path) and the names of newer checkpoints that could not be read, with
+    the reasons. Checkpoints of other runs are skipped. Raises `ParameterError` if there is no valid
+    checkpoint.
     """
     damaged, comm = [], disk.comm
     for entry in disk.do(lambda: checkpoints_of(path)):

@@ -33,15 +33,9 @@ OVERHEAD = 1 << 20
 
 
 class Disk:
-    """Operations of rank 0 on the files that one option names.
+    """Operations of rank 0 on the files that an option names.
 
-    Parameters
-    ----------
-    comm : mpi4py.MPI.Comm
-    name, value : str
-        The option and its value, for messages.
-    prefix : str
-        The prefix of the option.
+    ``name``, ``value`` and ``prefix`` are the option and its value, for messages.
     """
 
     def __init__(self, comm, name, value, prefix=PREFIX):
@@ -88,12 +82,7 @@ def error_text(problem):
 class Lock:
     """An exclusive lock on a result file, which ends with the process.
 
-    On a file system without locks a warning is printed on standard error.
-
-    Raises
-    ------
-    OSError
-        If another run holds the lock.
+    Raises OSError if another run holds it. On a file system without locks it prints a warning.
     """
 
     def __init__(self, path):
@@ -132,37 +121,33 @@ class Lock:
 
 
 def this_process():
-    """Return a text that identifies this process; empty without /proc."""
-    start = start_time("self")
-    return start and f"{_machine()} {os.getpid()} {start}"
+    """Return the `process_identity` of this process."""
+    return process_identity(os.getpid())
 
 
-def is_running(identity):
-    """Return whether the process with this `this_process` text runs; None if it is unknown here.
+def process_identity(number):
+    """Identify a running process by machine, number and start time; empty if there is none.
 
-    It is unknown if the process belongs to another machine or container.
+    It is also empty without /proc.
     """
-    machine, _, rest = identity.partition(" ")
-    number, _, start = rest.partition(" ")
-    return start_time(number) == start if start and machine == _machine() else None
-
-
-def _machine():
-    """Identify this boot of the machine and its process namespace; empty without /proc."""
     try:
-        return (Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-                + f"/{os.stat('/proc/self/ns/pid').st_ino}")
-    except OSError:
-        return ""
-
-
-def start_time(number):
-    """Return the start time of a process, clock ticks; empty if the process has ended."""
-    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        namespace = os.stat("/proc/self/ns/pid").st_ino
         fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
     except OSError:
         return ""
-    return "" if fields[0] in "ZX" else fields[19]
+    return "" if fields[0] in "ZX" else f"{boot}/{namespace} {number} {fields[19]}"
+
+
+def is_running(identity):
+    """Return whether the process with this `process_identity` is running.
+
+    None means that it is unknown: the process belongs to another machine or container.
+    """
+    machine, number = (*identity.split(), "", "")[:2]
+    if not machine or machine != this_process().partition(" ")[0]:
+        return None
+    return process_identity(number) == identity
 
 
 class Draft:
@@ -181,10 +166,6 @@ class Draft:
         The version to start from (default: an empty file).
     private_path : Path, optional
         The private name (default: `private`).
-
-    Attributes
-    ----------
-    file : h5py.File
     """
 
     def __init__(self, path, size, source=None, private_path=None):

@@ -34,13 +34,8 @@ class ResultError(ValueError):
 def opened(path, snapshots=0, only=None):
     """Open a result file for reading, as a context. Not collective.
 
-    It must hold at least ``snapshots`` snapshots. All snapshots are checked, or the one named
-    ``only``.
-
-    Raises
-    ------
-    ResultError
-        If it is not a result file or is incomplete, on opening or while it is read.
+    All snapshots are checked, or the one named ``only``. Raises `ResultError` if it is not a result
+    file, is incomplete, or has less than ``snapshots`` snapshots, also while it is read.
     """
     try:
         if not os.path.exists(path):
@@ -111,12 +106,7 @@ def continued(texts):
     """Return the options of a run that continues from a checkpoint, {name: text}.
 
     Options that are missing in ``texts`` are those of the run that ``pgran_restart`` names, and the
-    output is its file.
-
-    Raises
-    ------
-    ParameterError
-        If the file is not a result, or if options contradict it.
+    output is its file. Raises `ParameterError` if it is not a result, or if options contradict it.
     """
     path = texts[f"{PREFIX}restart"]
     stored, merged = _merged(texts, NOT_TAKEN, "a restarted run")
@@ -130,12 +120,8 @@ def continued(texts):
 def begun_from(texts):
     """Return the options of a computation that starts from a snapshot, {name: text}.
 
-    Options that are missing in ``texts`` are those of the run that ``pgran_restart`` names.
-
-    Raises
-    ------
-    ParameterError
-        If the file is not a result, or belongs to another case, model or law.
+    Options that are missing in ``texts`` are those of the run that ``pgran_restart`` names. Raises
+    `ParameterError` if it is not a result, or if its case, model or law differs.
     """
     return _merged(texts, (*NOT_TAKEN, "mode_file", "mode_amplitude"),
                    "a computation from a snapshot")[1]

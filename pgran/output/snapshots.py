@@ -83,7 +83,7 @@ def _run_of(path):
 
 
 def problem_of(path, run, target):
-    """Return the error text of the snapshot file ``target`` of a result and its run, or None."""
+    """Return what is wrong with the snapshot file ``target`` of a result, a text, or None."""
     entry = Path(os.path.realpath(path)).parent / target
     if not entry.is_file():
         return f"its file {entry} is missing"

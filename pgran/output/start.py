@@ -18,16 +18,9 @@ ENDING = {"complete", "steady_residual", "steps", "steps_repeated", "newton_iter
 
 
 class Source:
-    """The part of a result from which a run continues: its content at a checkpoint.
+    """The part of a result from which a run continues: the first ``steps`` and ``snapshots``.
 
-    Parameters
-    ----------
-    path : str or Path
-        The result file.
-    run : str
-        The identifier of the run.
-    steps, snapshots : int
-        Numbers of history entries and of snapshots at the checkpoint.
+    ``run`` is the identifier of the run.
     """
 
     def __init__(self, path, run, steps, snapshots):
@@ -45,10 +38,7 @@ class Source:
         attributes : dict
             Root attributes without those of `ENDING`.
 
-        Raises
-        ------
-        OSError
-            If steps or snapshots are missing.
+        Raises OSError if steps or snapshots are missing.
         """
         history, groups = file["history"], file["snapshots"]
         if len(groups) < self.snapshots or any(
@@ -68,10 +58,10 @@ class Source:
 
 
 def common_fields(known, components):
-    """Return the fields of ``known`` that have the same shape in a snapshot with ``components``.
+    """Return the fields that have the same shape in ``known`` and in a snapshot.
 
-    Both are {name: shape of its components}. If ``known`` is None, all fields are returned except
-    the coordinates.
+    Both are {name: shape of its components}. If ``known`` is None, all fields of the snapshot are
+    returned. The coordinates are left out.
     """
     known = components if known is None else known
     return {name: size for name, size in components.items()
@@ -79,14 +69,10 @@ def common_fields(known, components):
 
 
 def read_snapshot(parameters, form):
-    """Return the snapshot named by a restart: its attributes and {name: (..., n)}. Collective.
+    """Return attributes and fields {name: (..., n)} of the snapshot named by a restart. Collective.
 
-    The fields are the input of `Writer.snapshot` at the local nodes of the grid of the form.
-
-    Raises
-    ------
-    ParameterError
-        If the file, the snapshot, its grid or its physics does not fit.
+    The fields are at the local nodes of the grid of the form. Raises `ParameterError` if the file,
+    the snapshot, its grid or its physics does not fit.
     """
     return _read_fields(parameters, "restart", parameters.restart_snapshot, form,
                         ("coordinates", "velocity", "pressure", "fluidity", "deviator"))

@@ -55,10 +55,8 @@ def write(file, times, shape, fields, closed=(False, False), ends=(False, False)
         (ny, nx) nodes.
     fields : dict
         {name: shape of its components} of the fields that all snapshots have.
-    closed : tuple of bool
-        See `pgran.output.connectivity`.
-    ends : tuple of bool
-        Along which of x1 and x2 the first nodes are repeated.
+    closed, ends : tuple of bool
+        Which of x1 and x2 are closed, and which have repeated nodes.
     """
     elements, count = q2_elements(shape, closed, ends), len(times)
     nodes = numbers(shape, ends).size
@@ -102,14 +100,9 @@ def open_ends(group, closed):
 def repeat(group, target, ends):
     """Write the fields of a snapshot at the repeated nodes, in the order of `numbers`.
 
-    Parameters
-    ----------
-    group : h5py.Group
-        The snapshot. Fields with an attribute ``period`` change by it.
-    target : h5py.Group
-        Where the fields (n, ...) are written.
-    ends : tuple of bool
-        Along which of x1 and x2 the first nodes are repeated.
+    They go from ``group`` to ``target``, h5py.Group. ``ends`` says along which of x1 and x2 the
+    first nodes are repeated. Fields
+    with an attribute ``period`` change by it.
     """
     for name, data in group.items():
         along, up = data.attrs.get("period", np.zeros(DIM))

@@ -23,20 +23,10 @@ END = "</Grid>\n</Domain>\n</Xdmf>\n"
 
 
 def write(path, shape, snapshots, fields, closed=(False, False)):
-    """Write NAME.xdmf atomically.
+    """Write NAME.xdmf of the result ``path`` atomically.
 
-    Parameters
-    ----------
-    path : str or Path
-        The result file.
-    shape : tuple of int
-        Numbers of nodes (ny, nx).
-    snapshots : list
-        Name of the group, time, and name of the snapshot file of each snapshot.
-    fields : dict
-        {name: shape of its components}, without the coordinates.
-    closed : tuple of bool
-        See `pgran.output.connectivity`.
+    ``shape`` = (ny, nx) nodes. ``snapshots`` are tuples of the name of the group, the time, and the
+    name of the snapshot file. ``fields`` = {name: shape of its components} without the coordinates.
     """
     path = Path(path)
     grids = "".join(_grid(path, shape, *snapshot, fields, closed) for snapshot in snapshots)
@@ -44,10 +34,9 @@ def write(path, shape, snapshots, fields, closed=(False, False)):
 
 
 def add(path, shape, snapshots, fields, closed=(False, False)):
-    """Add the last snapshot to NAME.xdmf; parameters as for `write`.
+    """Add the last snapshot to NAME.xdmf, at a cost independent of the number of snapshots.
 
-    Only this snapshot is written, so that the cost does not depend on the number of snapshots. A
-    file that lacks the earlier snapshots is written again.
+    The parameters are those of `write`. A file that lacks earlier snapshots is written again.
     """
     path = Path(path)
     text = (_grid(path, shape, *snapshots[-1], fields, closed) + END).encode()
