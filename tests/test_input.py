@@ -198,11 +198,11 @@ RUNS = {
     **{f"restart from {kind}": (["-pgran_restart", f"{kind}.h5"],
                                 f"-pgran_restart {kind}.h5: {text}")
        for kind, text in {
-           "nosuch": "there is no such file", "text": "cannot be read", "folder": "it is not a",
+           "nosuch": "there is no such file", "text": "it cannot be read", "folder": "it is not a",
            "empty": "it cannot be read", "truncated": "it cannot be read", "pipe": "it is not a",
-           "other": "not a pgran result file", "data": "not a pgran result file", "flat": "snapshot 0000 has no",
+           "other": "not a pgran result", "data": "not a pgran result", "flat": "snapshot 0000 has no",
            "odd": "inertial_number of snapshot", "strange": "its options cannot be read",
-           "untold": "not a pgran result file", "mute": "its options cannot be read",
+           "untold": "not a pgran result", "mute": "its options cannot be read",
            "keep": "it has no checkpoint to resume from"}.items()},
     "restart with another width": (["-pgran_restart", "keep.h5", "-pgran_width", "16"],
                                    "cannot change -pgran_width (here 16, there 8.0)"),
@@ -213,7 +213,7 @@ RUNS = {
                                  "cannot change -pgran_law (here jop, there bingham)"),
     **{f"steady from {kind}": (["-ts_type", "pseudo", "-pgran_restart", f"{kind}.h5"], text)
        for kind, text in {
-           "text": "cannot be read", "other": "not a pgran result file", "nothing": "it holds 0 snaps",
+           "text": "it cannot be read", "other": "not a pgran result", "nothing": "it holds 0 snaps",
            "lost": "has no coordinates", "keep": "its 5 x 5 nodes are not"}.items()},
     "steady from no snapshot": (["-ts_type", "pseudo", "-pgran_restart", "keep.h5",
                                  "-pgran_restart_snapshot", "7"], "it holds 1 snapshots"),
@@ -275,13 +275,13 @@ COMMANDS = [
     ("measure", [], ""),
     ("measure", ["nosuch.h5"], "there is no such file"),
     *(("measure", [f"{kind}.h5"], text) for kind, text in {
-        "text": "cannot be read", "truncated": "cannot be read", "other": "no result",
+        "text": "cannot be read", "truncated": "cannot be read", "other": "not a pgran result",
         "data": "not a pgran result", "nothing": "it holds 0 snapshots", "flat": "has no coordinates",
         "odd": "not a field of numbers", "words": "not a field of numbers", "lost": "no coordinates",
         "pipe": "not a regular file", "folder": "not a regular file"}.items()),
-    ("measure", ["-meshes", "keep.h5", "other.h5"], "no result"),
+    ("measure", ["-meshes", "keep.h5", "other.h5"], "not a pgran result"),
     ("measure", ["-nosuch", "keep.h5"], "-nosuch: no such option"),
-    ("plot", ["other.h5"], "no result"),
+    ("plot", ["other.h5"], "not a pgran result"),
     ("plot", ["nothing.h5"], "it holds 0 snapshots"),
     ("plot", ["words.h5"], "not a field of numbers"),
     ("figures", ["fig0"], "fig0: allowed is"),

@@ -48,7 +48,7 @@ def opened(path, snapshots=0, only=None):
     except ResultError:
         raise
     except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as problem:
-        raise ResultError(path, f"cannot be read as a pgran result file ({error_text(problem)})"
+        raise ResultError(path, f"it cannot be read as a pgran result file ({error_text(problem)})"
                           ) from None
 
 
