@@ -31,7 +31,7 @@ from pgran.runs import run_on_ranks  # noqa: E402
 
 #: Seconds that a command may take on an idle machine.
 LIMIT = 240.0
-#: Seconds in which the fork server starts on an idle machine.
+#: Start time of the fork server on an idle machine, s.
 START = 0.5
 #: The slowest files. They begin first, so that the workers end at about the same time.
 LONGEST = ("test_multigrid.py", "test_runs.py", "test_restart.py", "test_flows.py",

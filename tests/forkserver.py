@@ -23,7 +23,7 @@ MODULES = ("h5py", "numpy", "petsc4py", "slepc4py", "pgran.__main__", "pgran.eig
            "pgran.growth", "pgran.measure", "pgran.stability")
 #: Packages, and the names of their shared libraries that commands load.
 LIBRARIES = ("petsc4py", "PETSc"), ("slepc4py", "SLEPc")
-#: Seconds in which a command must end after its limit.
+#: Time for a command to end after its limit, s.
 GRACE = 10.0
 
 

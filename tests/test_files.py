@@ -37,7 +37,7 @@ def fields(form, number=0.0):
 
 
 def write(path, form, count, source=None, first=0, **attributes):
-    """Write a result with some snapshots, after those of a source."""
+    """Write a result with some snapshots, after the snapshots of a source."""
     writer = Writer(path, form)
     writer.begin(source, **attributes)
     for number in range(first, first + count):

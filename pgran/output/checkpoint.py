@@ -1,4 +1,4 @@
-"""Checkpoints: the state from which a run can be continued on any number of ranks.
+"""Checkpoints: files to continue a run on any number of ranks.
 
 A checkpoint of NAME.h5 is NAME.checkpoint_000120.h5, where the number counts the accepted steps. It
 is written atomically, and the last `KEPT` checkpoints are kept. Its arrays cover the complete grid:
@@ -12,7 +12,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..options import PREFIX
 from .files import Disk, Draft, blocks_of, error_text, local_part, private, write_blocks
 
 #: Number of checkpoints of a run that are kept.
@@ -36,7 +35,7 @@ def _lattices(grid):
     return {"nodes": grid.nodes, "corners": grid.corners, "elements": grid.elements}
 
 
-def write(path, grid, run, step, values, arrays, option=("output", PREFIX)):
+def write(path, grid, run, step, values, arrays):
     """Write a checkpoint and remove older ones beyond `KEPT`. Collective.
 
     Parameters
@@ -52,8 +51,6 @@ def write(path, grid, run, step, values, arrays, option=("output", PREFIX)):
         Numbers and texts, stored as attributes; None is left out.
     arrays : dict of dict
         {"nodes" | "corners" | "elements": {name: (..., n_local)}}.
-    option : tuple of str
-        Name and prefix of the option that names the result file, for messages.
 
     Raises
     ------
@@ -61,8 +58,7 @@ def write(path, grid, run, step, values, arrays, option=("output", PREFIX)):
         If it cannot be written; the earlier checkpoints then remain.
     """
     comm, path = grid.comm.tompi4py(), Path(path)
-    disk = Disk(comm, option[0], path, option[1])
-    lattices, draft = _lattices(grid), None
+    disk, lattices, draft = Disk(comm, "output", path), _lattices(grid), None
 
     def prepare():
         nonlocal draft

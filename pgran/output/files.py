@@ -126,9 +126,9 @@ def this_process():
 
 
 def process_identity(number):
-    """Identify a running process by machine, number and start time; empty if there is none.
+    """Return machine, number and start time of a running process as a text.
 
-    It is also empty without /proc.
+    It is empty if the process has ended, and without /proc.
     """
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
@@ -260,7 +260,7 @@ def write_blocks(comm, file, data):
     ----------
     comm : mpi4py.MPI.Comm
     file : h5py.Group or None
-        The target on rank 0; None on the other ranks, and on rank 0 after an error.
+        The target on rank 0. It is None on other ranks, and after an error.
     data : iterable of (str, tuple of slice, ndarray)
         Name of a dataset of real numbers, this rank's block of its first two axes, and the values
         of the block. Names and components are the same on all ranks, in the same order.

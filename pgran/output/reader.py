@@ -105,8 +105,8 @@ def stored_parameters(file):
 def continued(texts):
     """Return the options of a run that continues from a checkpoint, {name: text}.
 
-    Options that are missing in ``texts`` are those of the run that ``pgran_restart`` names, and the
-    output is its file. Raises `ParameterError` if it is not a result, or if options contradict it.
+    Options that are missing in ``texts`` come from the run that ``pgran_restart`` names. The output
+    is its file. Raises `ParameterError` if it is not a result, or if options contradict it.
     """
     path = texts[f"{PREFIX}restart"]
     stored, merged = _merged(texts, NOT_TAKEN, "a restarted run")
@@ -120,7 +120,7 @@ def continued(texts):
 def begun_from(texts):
     """Return the options of a computation that starts from a snapshot, {name: text}.
 
-    Options that are missing in ``texts`` are those of the run that ``pgran_restart`` names. Raises
+    Options that are missing in ``texts`` come from the run that ``pgran_restart`` names. Raises
     `ParameterError` if it is not a result, or if its case, model or law differs.
     """
     return _merged(texts, (*NOT_TAKEN, "mode_file", "mode_amplitude"),

@@ -302,8 +302,8 @@ class Snapshot:
         Parameters
         ----------
         axes : tuple of bool
-            Whether to repeat the first nodes along x1 and along x2. Coordinates and velocity at the
-            repeated nodes are those of the next period.
+            Whether to repeat the first nodes along x1 and along x2. The repeated nodes have
+            the coordinates and velocity of the next period.
         """
         return _Continued(self, axes) if any(axes) else self
 

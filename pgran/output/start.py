@@ -1,4 +1,4 @@
-"""Start files: snapshots, modes and earlier results from which a run starts. Collective."""
+"""Start files of a run: snapshots, modes and earlier results. Collective."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ ENDING = {"complete", "steady_residual", "steps", "steps_repeated", "newton_iter
 
 
 class Source:
-    """The part of a result from which a run continues: the first ``steps`` and ``snapshots``.
+    """The first ``steps`` and ``snapshots`` of a result that a run continues.
 
     ``run`` is the identifier of the run.
     """
@@ -36,7 +36,7 @@ class Source:
         fields : dict or None
             {name: shape of its components} of the fields in all snapshots; None without snapshots.
         attributes : dict
-            Root attributes without those of `ENDING`.
+            Root attributes except `ENDING`.
 
         Raises OSError if steps or snapshots are missing.
         """

@@ -77,8 +77,6 @@ class Writer:
         The result file.
     form : pgran.space.weakform.WeakForm
         Has the grid, and the case with the resolved parameters.
-    attributes : dict, optional
-        Further root attributes.
     option : tuple of str
         Name and prefix of the option that names the file, for messages.
     columns : tuple of str
@@ -97,14 +95,13 @@ class Writer:
         If the file cannot be created, or if another run writes it.
     """
 
-    def __init__(self, path, form, attributes=None, option=("output", PREFIX),
-                 columns=HISTORY):
+    def __init__(self, path, form, option=("output", PREFIX), columns=HISTORY):
         # A symbolic link is kept, and all files of the run are in the folder of its target.
         self.path = Path(os.path.realpath(path) if os.path.islink(path) else path)
         self.grid, self.case = form.grid, form.case
         self.comm = self.grid.comm.tompi4py()
         self.disk = Disk(self.comm, option[0], path, option[1])
-        self._attributes, self.kept = dict(attributes or {}), None
+        self.kept = None
         self._columns = {name: [] for name in (*columns, *self.case.observables)}
         self.snapshots, self._fields, self._next_write = [], None, 0.0
         self._files, self._serial, self._root = [], 0, {}  # on rank 0
@@ -139,22 +136,21 @@ class Writer:
         With a `pgran.output.start.Source` the file begins with the content of the source. If the
         source is the file itself, nothing is renamed.
         """
-        self._attributes.update(attributes)
         same = source is not None and self.disk.do(
             lambda: self.path.exists() and os.path.samefile(source.path, self.path))
         # A run that continues in its file keeps its identifier and thus its checkpoints.
         self.run = source.run if same else self.comm.bcast(uuid.uuid4().hex[:16])
         self.kept, self.snapshots, self._fields, self._columns = self.disk.do(
-            lambda: self._create(source, same))
+            lambda: self._create(source, same, attributes))
 
-    def _create(self, source, same):
+    def _create(self, source, same, attributes):
         snapshots, fields = self._copy(source) if source else ([], None)
         self._set_root({
             "state": RUNNING, "process": this_process(), "run": self.run, "format": FORMAT,
             "closed": self.case.closed, "options": self.case.parameters.text(),
             "pgran_version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
-            **self.case.scales(), **self._attributes})
+            **self.case.scales(), **attributes})
         kept = None if same else self._rename_earlier()
         self._write_index(snapshots, fields)
         snapshot_files.remove_unlinked(self.path, self.run, self._files)
@@ -210,7 +206,7 @@ class Writer:
     def _write_index(self, snapshots, fields):
         """Write the result file: root attributes, history, and links to the snapshot files."""
         shape = self.grid.nodes.shape[::-1]
-        draft = Draft(self.path, 8 * self._history_size() + LINK * len(snapshots)
+        draft = Draft(self.path, 8 * len(self._columns) * self.steps + LINK * len(snapshots)
                       + ELEMENT * int(np.prod(shape)))
         with draft:
             file = draft.file
@@ -230,9 +226,6 @@ class Writer:
                 vtkhdf.write(file, [time for _, time in snapshots], shape, fields,
                              self.case.closed, self._ends)
         draft.publish(flush=True)
-
-    def _history_size(self):
-        return sum(map(len, self._columns.values()))
 
     def _unit(self, name):
         """The unit of a field or of a column of the history."""
@@ -274,7 +267,7 @@ class Writer:
         """Write the history and root attributes, on rank 0."""
         self._check_present()
         attributes = self._set_root(attributes)
-        draft = Draft(self.path, 8 * self._history_size(), self.path)
+        draft = Draft(self.path, 8 * len(self._columns) * self.steps, self.path)
         with draft:
             for name, values in self._columns.items():
                 data = draft.file["history"][name]
@@ -379,11 +372,12 @@ class Writer:
 def write_once(path, form, fields, option=("output", PREFIX), **attributes):
     """Write a result with one snapshot at time 0, and return its `Writer`. Collective.
 
-    ``option`` and ``attributes`` are parameters of `Writer`, ``fields`` of `Writer.snapshot`.
+    ``option`` is a parameter of `Writer`, ``fields`` of `Writer.snapshot`, and ``attributes`` are
+    root attributes.
     """
-    writer = Writer(path, form, attributes, option)
+    writer = Writer(path, form, option)
     try:
-        writer.begin()
+        writer.begin(**attributes)
         writer.snapshot(0.0, fields)
         writer.flush(state=COMPLETE)
     finally:

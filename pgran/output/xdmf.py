@@ -36,7 +36,7 @@ def write(path, shape, snapshots, fields, closed=(False, False)):
 def add(path, shape, snapshots, fields, closed=(False, False)):
     """Add the last snapshot to NAME.xdmf, at a cost independent of the number of snapshots.
 
-    The parameters are those of `write`. A file that lacks earlier snapshots is written again.
+    For the parameters see `write`. A file that lacks earlier snapshots is written again.
     """
     path = Path(path)
     text = (_grid(path, shape, *snapshots[-1], fields, closed) + END).encode()
