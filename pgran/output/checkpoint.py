@@ -12,7 +12,16 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from .files import Disk, Draft, blocks_of, error_text, local_part, private, write_blocks
+from .files import (
+    FILE_ERRORS,
+    Disk,
+    Draft,
+    blocks_of,
+    error_text,
+    local_part,
+    private,
+    write_draft,
+)
 
 #: Number of checkpoints of a run that are kept.
 KEPT = 2
@@ -57,37 +66,30 @@ def write(path, grid, run, step, values, arrays):
     ParameterError
         If it cannot be written; the earlier checkpoints then remain.
     """
-    comm, path = grid.comm.tompi4py(), Path(path)
-    disk, lattices, draft = Disk(comm, "output", path), _lattices(grid), None
+    path, lattices = Path(path), _lattices(grid)
 
     def prepare():
-        nonlocal draft
         sizes = {f"{kind}/{name}": lattices[kind].shape[::-1] + value.shape[:-1]
                  for kind, fields in arrays.items() for name, value in fields.items()}
         # Chunks at the ends of an array are stored in full: reserve twice the size of the data.
         draft = Draft(path.with_name(f"{path.stem}.checkpoint_{step:06d}.h5"),
                       16 * sum(int(np.prod(size)) for size in sizes.values()),
                       private_path=private(path.with_suffix(".checkpoint")))
-        for name, size in sizes.items():
-            draft.file.create_dataset(name, size, dtype="f8", fletcher32=True)
-        draft.file.attrs.update({name: value for name, value in {**values, "run": run}.items()
-                                 if value is not None})
+        with draft:
+            for name, size in sizes.items():
+                draft.file.create_dataset(name, size, dtype="f8", fletcher32=True)
+            draft.file.attrs.update({name: value for name, value in {**values, "run": run}.items()
+                                     if value is not None})
+        return draft
 
-    disk.do(prepare)
-    error = None
-    for kind, fields in arrays.items():
-        group = None if comm.rank or error else draft.file[kind]
-        error = write_blocks(comm, group, blocks_of(lattices[kind], fields)) or error
-    if error:
-        draft.drop()
-    disk.agree(None, error)
-
-    def publish():
+    def finish(draft):
         draft.publish(flush=True)
         for old in checkpoints_of(path)[KEPT:]:
             old.unlink()
 
-    disk.do(publish)
+    write_draft(Disk(grid.comm.tompi4py(), "output", path), prepare, (
+        entry for kind, fields in arrays.items()
+        for entry in blocks_of(lattices[kind], fields, f"{kind}/")), finish)
 
 
 def newest(path, run, accept, disk):
@@ -106,7 +108,7 @@ def newest(path, run, accept, disk):
                 if file.attrs["run"] != run:
                     raise ValueError("it belongs to another run")
                 result = accept(file)
-        except (OSError, KeyError, RuntimeError, ValueError) as problem:
+        except FILE_ERRORS as problem:
             error = error_text(problem)
         errors = [text for text in comm.allgather(error) if text]
         if not errors:

@@ -25,7 +25,7 @@ RESULTS = "results"
 #: Errors of flock on file systems without locks, such as Lustre mounted without ``-o flock``.
 NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP}
 #: Errors of the system and of h5py when a file is read or written.
-FILE_ERRORS = OSError, RuntimeError, KeyError, ValueError, TypeError
+FILE_ERRORS = OSError, RuntimeError, KeyError, ValueError
 #: Largest message with field values between ranks, bytes; a message has at least one row of nodes.
 MESSAGE_SIZE = 1 << 23
 #: Upper bound of what HDF5 adds to a file in one update besides the data, bytes.
@@ -251,24 +251,41 @@ def write_text(path, text):
     private(path).replace(path)
 
 
+def write_draft(disk, prepare, data, finish):
+    """Write a file with the blocks of all ranks. Collective.
+
+    On rank 0 ``prepare()`` returns a `Draft` with empty datasets, and ``finish(draft)`` publishes
+    it. ``data`` is that of `write_blocks`. If one of them fails, the draft is removed and all ranks
+    raise a `ParameterError`.
+    """
+    draft = None
+
+    def create():
+        nonlocal draft
+        draft = prepare()
+
+    disk.do(create)
+    error = write_blocks(disk.comm, draft and draft.file, data)
+    if error:
+        draft.drop()
+    disk.agree(None, error)
+    disk.do(lambda: finish(draft))
+
+
 def write_blocks(comm, file, data):
     """Write the blocks of all ranks into datasets of an open file. Collective.
 
     The other ranks send messages of about `MESSAGE_SIZE`, and rank 0 holds one of them at a time.
+    Returns the error text on rank 0, or None. All blocks are received even after an error.
 
     Parameters
     ----------
     comm : mpi4py.MPI.Comm
     file : h5py.Group or None
-        The target on rank 0. It is None on other ranks, and after an error.
+        The target on rank 0; None on the other ranks.
     data : iterable of (str, tuple of slice, ndarray)
         Name of a dataset of real numbers, this rank's block of its first two axes, and the values
         of the block. Names and components are the same on all ranks, in the same order.
-
-    Returns
-    -------
-    str or None
-        The error on rank 0. All blocks are received even after an error.
     """
     error = None
     for name, block, values in data:
@@ -284,16 +301,14 @@ def write_blocks(comm, file, data):
             (j0, j1), (i0, i1) = bounds
             shape = j1 - j0, i1 - i0, *values.shape[2:]
             for rows in _pieces(shape):
+                part = values[rows]
                 if source:
                     part = np.empty((rows.stop - rows.start, *shape[1:]))
                     comm.Recv(part, source)
-                else:
-                    part = values[rows]
-                if file is None or error:
-                    continue
                 try:
-                    file[name][j0 + rows.start:j0 + rows.stop, i0:i1] = part
-                except FILE_ERRORS as problem:
+                    if not error:
+                        file[name][j0 + rows.start:j0 + rows.stop, i0:i1] = part
+                except (*FILE_ERRORS, TypeError) as problem:
                     error = error_text(problem)
     return error
 
@@ -304,15 +319,15 @@ def _pieces(shape):
     return [slice(j, min(j + step, shape[0])) for j in range(0, shape[0], step)]
 
 
-def blocks_of(lattice, fields):
+def blocks_of(lattice, fields, group=""):
     """Yield (name, block, values) of nodal ``fields``, {name: (..., n_local)}, on a lattice.
 
-    The blocks belong to arrays (nj, ni, ...).
+    The blocks belong to arrays (nj, ni, ...) in a ``group`` of the file.
     """
     block = (slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1))
     shape = lattice.j1 - lattice.j0, lattice.i1 - lattice.i0
     for name, values in fields.items():
-        yield name, block, np.moveaxis(
+        yield f"{group}{name}", block, np.moveaxis(
             values[..., lattice.owned].reshape(values.shape[:-1] + shape), (-2, -1), (0, 1)).copy()
 
 

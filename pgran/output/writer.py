@@ -30,7 +30,7 @@ from .files import (
     blocks_of,
     make_parents,
     this_process,
-    write_blocks,
+    write_draft,
 )
 from .reader import FORMAT, opened
 from .snapshots import GROUP, REPEATED
@@ -288,16 +288,13 @@ class Writer:
         One of the fields is ``coordinates``. The cost does not depend on the number of snapshots.
         NaN and infinite values are written, with a warning on standard error.
         """
-        lattice = self.grid.nodes
-        shape = lattice.shape[::-1]
+        lattice, shape = self.grid.nodes, self.grid.nodes.shape[::-1]
         name = f"{len(self.snapshots):04d}"
         components = {key: value.shape[:-1] for key, value in fields.items()}
         periods = {key: self.grid.period(fields[key]) for key in ("coordinates", "velocity")
                    if key in fields and any(self.grid.periodic)}
-        draft = None
 
         def prepare():
-            nonlocal draft
             self._check_present()
             draft = self._snapshot_draft(
                 8 * sum(int(np.prod(shape + size)) for size in components.values()))
@@ -310,26 +307,21 @@ class Writer:
                     data.attrs["unit"] = self._unit(key)
                     if key in periods:
                         data.attrs["period"] = periods[key]
+            return draft
 
-        self.disk.do(prepare)
-        self._warn_not_finite(name, fields)
-        group = None if self.comm.rank else draft.file[GROUP]
-        error = write_blocks(self.comm, group, blocks_of(lattice, fields))
-        if error:
-            draft.drop()
-        self.disk.agree(None, error)
-        self.snapshots.append((name, time))
-        self._fields = common_fields(self._fields, components)
-
-        def publish():
+        def finish(draft):
             with draft:
                 self._repeat_nodes(draft.file)
             draft.publish(flush=True)
             self._files.append(draft.path.name)
-            self._write_index(self.snapshots, self._fields)
-            self._write_xdmf(xdmf.add, self.snapshots, self._fields)
+            self._write_index(snapshots, common)
+            self._write_xdmf(xdmf.add, snapshots, common)
 
-        self.disk.do(publish)
+        snapshots = [*self.snapshots, (name, time)]
+        common = common_fields(self._fields, components)
+        self._warn_not_finite(name, fields)
+        write_draft(self.disk, prepare, blocks_of(lattice, fields, f"{GROUP}/"), finish)
+        self.snapshots, self._fields = snapshots, common
 
     def _write_xdmf(self, write, snapshots, fields):
         write(self.path, self.grid.nodes.shape[::-1],
