@@ -47,6 +47,8 @@ def _lattices(grid):
 def write(path, grid, run, step, values, arrays):
     """Write a checkpoint and remove older ones beyond `KEPT`. Collective.
 
+    Raises `ParameterError` if it cannot be written; the earlier checkpoints then remain.
+
     Parameters
     ----------
     path : Path
@@ -60,11 +62,6 @@ def write(path, grid, run, step, values, arrays):
         Numbers and texts, stored as attributes; None is left out.
     arrays : dict of dict
         {"nodes" | "corners" | "elements": {name: (..., n_local)}}.
-
-    Raises
-    ------
-    ParameterError
-        If it cannot be written; the earlier checkpoints then remain.
     """
     path, lattices = Path(path), _lattices(grid)
 

@@ -126,10 +126,7 @@ def this_process():
 
 
 def process_identity(number):
-    """Return machine, number and start time of a running process as a text.
-
-    It is empty if the process has ended, and without /proc.
-    """
+    """Return a text that identifies a running process; empty if it has ended, or without /proc."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         namespace = os.stat("/proc/self/ns/pid").st_ino
@@ -140,10 +137,7 @@ def process_identity(number):
 
 
 def is_running(identity):
-    """Return whether the process with this `process_identity` is running.
-
-    None means that it is unknown: the process belongs to another machine or container.
-    """
+    """Return whether the process with this identity runs; None if it belongs to another machine."""
     machine, number = (*identity.split(), "", "")[:2]
     if not machine or machine != this_process().partition(" ")[0]:
         return None
@@ -153,19 +147,9 @@ def is_running(identity):
 class Draft:
     """The next version of an HDF5 file, under a private name until it is complete.
 
-    As a context manager it is removed after an error, and stays open otherwise.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    size : int
-        Bytes that will be added. They are reserved first, so that a full disk or a quota raises
-        its error here and not inside HDF5.
-    source : Path, optional
-        The version to start from (default: an empty file).
-    private_path : Path, optional
-        The private name (default: `private`).
+    As a context manager it is removed after an error, and stays open otherwise. It begins with the
+    content of the file ``source``, or empty. ``size`` bytes are reserved first, so that a full disk
+    or a quota raises its error here and not inside HDF5. The open h5py.File is ``file``.
     """
 
     def __init__(self, path, size, source=None, private_path=None):
@@ -235,7 +219,7 @@ def private(path):
 def make_parents(path):
     """Create the missing folders of a file and return them.
 
-    Raises OSError if a missing folder is neither `RESULTS` nor below it: the path may be mistyped.
+    Raises OSError if one of them is neither `RESULTS` nor below it: the path may be mistyped.
     """
     missing = [folder for folder in Path(path).parents if not folder.exists()]
     if any(RESULTS not in folder.parts for folder in missing):

@@ -45,18 +45,9 @@ def link(file, closed=(False, False)):
 def write(file, times, shape, fields, closed=(False, False), ends=(False, False)):
     """Write ``/VTKHDF`` into an open result file; no snapshot is opened.
 
-    Parameters
-    ----------
-    file : h5py.File
-        Open for writing, with ``/snapshots`` and, if there are ``ends``, ``/repeated``.
-    times : list of float
-        Times of its snapshots, 1/gdot0.
-    shape : tuple of int
-        (ny, nx) nodes.
-    fields : dict
-        {name: shape of its components} of the fields that all snapshots have.
-    closed, ends : tuple of bool
-        Which of x1 and x2 are closed, and which have repeated nodes.
+    The file has ``/snapshots`` with these ``times`` (1/gdot0) on ``shape`` = (ny, nx) nodes, and
+    ``/repeated`` for ``ends``, the directions with repeated nodes. ``fields`` = {name: shape of its
+    components} are the fields that all snapshots have.
     """
     elements, count = q2_elements(shape, closed, ends), len(times)
     nodes = numbers(shape, ends).size

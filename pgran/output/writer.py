@@ -69,7 +69,8 @@ class Writer:
     """Writer of the result of a run. Every method except `close` is collective.
 
     The constructor only locks the file; `begin` creates it. An earlier file of the same name is
-    renamed with a number, together with its checkpoints.
+    renamed with a number, together with its checkpoints. A file that cannot be written, or that
+    another run writes, raises `ParameterError`.
 
     Parameters
     ----------
@@ -88,11 +89,6 @@ class Writer:
         The new name of an earlier file.
     run : str
         The identifier of the run in its result and its checkpoints.
-
-    Raises
-    ------
-    ParameterError
-        If the file cannot be created, or if another run writes it.
     """
 
     def __init__(self, path, form, option=("output", PREFIX), columns=HISTORY):
@@ -133,8 +129,8 @@ class Writer:
     def begin(self, source=None, **attributes):
         """Create the file with root ``attributes``.
 
-        With a `pgran.output.start.Source` the file begins with the content of the source. If the
-        source is the file itself, nothing is renamed.
+        It begins with the content of the `pgran.output.start.Source`, if there is one. Nothing is
+        renamed if the source is the file itself.
         """
         same = source is not None and self.disk.do(
             lambda: self.path.exists() and os.path.samefile(source.path, self.path))
