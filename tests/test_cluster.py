@@ -51,12 +51,6 @@ def test_a_script_is_valid_and_has_time_and_memory(folder, system, arguments, na
     assert ("qsub" if system == "pbs" else "scontrol requeue") in text or "chain" not in name
 
 
-def test_time_and_memory_can_be_set(folder):
-    file = written(folder, "slurm", "run", "1", FILE, PGRAN_TIME="03:30:00", PGRAN_MEMORY="7")
-    assert {"#SBATCH --time=03:30:00", "#SBATCH --mem=7G"} <= set(
-        (folder / file.stdout.strip()).read_text().splitlines())
-
-
 #: Replaces timeout: the signal is sent after some more steps, on any machine.
 TIMEOUT = f"""#!{sys.executable}
 import signal, subprocess, sys, time
@@ -106,12 +100,14 @@ def test_a_chain_is_queued_until_it_is_complete_and_equals_one_run(folder):
 @pytest.mark.parametrize("options, result", [
     ([], "results/biaxial.h5"), (["-pgran_output", "my/own run.h5"], "my/own\\ run.h5"),
     (["-options_file", "more.opts"], "of/file.h5")])
-def test_the_result_is_the_output_of_the_options(folder, options, result):
+def test_result_time_and_memory_can_be_chosen(folder, options, result):
     (folder / "more.opts").write_text("-pgran_output of/file.h5\n")
-    file = written(folder, "pbs", "run", "1", FILE, "-pgran_A", "0.5", *options)
+    file = written(folder, "pbs", "run", "1", FILE, "-pgran_A", "0.5", *options,
+                   PGRAN_TIME="03:30:00", PGRAN_MEMORY="7")
     text = (folder / file.stdout.strip()).read_text()
     assert f"run_on_ranks {result} {FILE} -pgran_A 0.5" in text
     assert "-pgran_output" not in text
+    assert "mem=7gb\n" in text and "walltime=03:30:00\n" in text
 
 
 def test_scripts_of_two_results_do_not_overwrite_each_other(folder):

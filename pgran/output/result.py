@@ -299,11 +299,8 @@ class Snapshot:
     def continued(self, axes):
         """Return the snapshot with its first nodes repeated at the end of periodic directions.
 
-        Parameters
-        ----------
-        axes : tuple of bool
-            Whether to repeat the first nodes along x1 and along x2. The repeated nodes have
-            the coordinates and velocity of the next period.
+        ``axes`` are two bool, for x1 and x2. The repeated nodes have the coordinates and
+        velocities of the next period.
         """
         return _Continued(self, axes) if any(axes) else self
 
@@ -320,13 +317,9 @@ class Snapshot:
     def strain_field(self, name):
         """Return one of `pgran.material.elasticity.strain_fields`, (ny, nx, ...).
 
-        It is computed as in `pgran.space.weakform.WeakForm.nodal_strains` if the file lacks it,
-        such as the file of a mode.
-
-        Raises
-        ------
-        ResultError
-            For a strain since the start on a fixed mesh, and if the nodes do not form elements.
+        If the file lacks it, such as the file of a mode, it is computed as in
+        `pgran.space.weakform.WeakForm.nodal_strains`. Raises `ResultError` for a strain since the
+        start on a fixed mesh, and if the nodes do not form elements.
         """
         if name in self._read or name in self.names:
             return self.stored(name)
