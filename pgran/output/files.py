@@ -239,8 +239,8 @@ def write_draft(disk, prepare, data, finish):
     """Write a file with the blocks of all ranks. Collective.
 
     On rank 0 ``prepare()`` returns a `Draft` with empty datasets, and ``finish(draft)`` publishes
-    it. ``data`` is that of `write_blocks`. If one of them fails, the draft is removed and all ranks
-    raise a `ParameterError`.
+    it. ``data`` has the form that `write_blocks` needs. After an error the draft is removed, and
+    all ranks raise a `ParameterError`.
     """
     draft = None
 

@@ -340,7 +340,7 @@ class Snapshot:
 
     @cached_property
     def _elements(self):
-        """The nodes (9, n) of the elements of `whole`, in the order of `pgran.space.element`."""
+        """The nodes (9, n) of all elements, in the order of `pgran.space.element`."""
         shape = self.whole.x.shape[:2]
         if min(shape) < 3 or not all(n % 2 for n in shape):
             raise ResultError(self.result.path, f"its {shape[1]} x {shape[0]} nodes do not form "
@@ -348,7 +348,7 @@ class Snapshot:
         return np.array(q2_elements(shape)[:, np.argsort(VTK_NODES)].T)
 
     def _gradient(self, values, x):
-        """Gradient (2, 2, points, n) of fields (ny, nx, 2) of `whole` on nodes ``x``."""
+        """Gradient (2, 2, points, n) of fields (ny, nx, 2) on nodes ``x``, with the repeated nodes."""
         values, x = (np.moveaxis(field, -1, 0).reshape(2, -1)[:, self._elements]
                      for field in (values, x))
         geometry = Geometry(x)

@@ -29,16 +29,9 @@ class Source:
     def read(self, file, columns):
         """Read an open result up to the checkpoint, and add its history to ``columns``.
 
-        Returns
-        -------
-        snapshots : list of (str, float)
-            Names and times.
-        fields : dict or None
-            {name: shape of its components} of the fields in all snapshots; None without snapshots.
-        attributes : dict
-            Root attributes except `ENDING`.
-
-        Raises OSError if steps or snapshots are missing.
+        Returns (name, time) of each snapshot; {name: shape of its components} of the fields in all
+        snapshots, or None; and the root attributes except `ENDING`. Raises OSError if steps or
+        snapshots are missing.
         """
         history, groups = file["history"], file["snapshots"]
         if len(groups) < self.snapshots or any(
@@ -60,8 +53,8 @@ class Source:
 def common_fields(known, components):
     """Return the fields that have the same shape in ``known`` and in a snapshot.
 
-    Both are {name: shape of its components}. If ``known`` is None, all fields of the snapshot are
-    returned. The coordinates are left out.
+    Both are {name: shape of its components}; None accepts all fields of the snapshot. The
+    coordinates are left out.
     """
     known = components if known is None else known
     return {name: size for name, size in components.items()
