@@ -348,7 +348,7 @@ class Snapshot:
         return np.array(q2_elements(shape)[:, np.argsort(VTK_NODES)].T)
 
     def _gradient(self, values, x):
-        """Gradient (2, 2, points, n) of fields (ny, nx, 2) on nodes ``x``, with the repeated nodes."""
+        """Gradient (2, 2, points, n) of fields (ny, nx, 2) on ``x``, with the repeated nodes."""
         values, x = (np.moveaxis(field, -1, 0).reshape(2, -1)[:, self._elements]
                      for field in (values, x))
         geometry = Geometry(x)
