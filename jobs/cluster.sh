@@ -43,8 +43,8 @@ estimate() {  # memory in GB and result file of a run: FILE.opts [options]
 import sys
 
 from pgran import cases
-from pgran.cli import combined_options
 from pgran.options import OptionError, ParameterError
+from pgran.runs.run_on_ranks import combined_options
 
 try:
     texts = combined_options(*sys.argv[2:])
