@@ -239,8 +239,8 @@ def write_draft(disk, prepare, data, finish):
     """Write a file with the blocks of all ranks. Collective.
 
     On rank 0 ``prepare()`` returns a `Draft` with empty datasets, and ``finish(draft)`` publishes
-    it. ``data`` has the form that `write_blocks` needs. After an error the draft is removed, and
-    all ranks raise a `ParameterError`.
+    it; its result is returned on all ranks. ``data`` has the form that `write_blocks` needs. After
+    an error the draft is removed, and all ranks raise a `ParameterError`.
     """
     draft = None
 
@@ -253,7 +253,7 @@ def write_draft(disk, prepare, data, finish):
     if error:
         draft.drop()
     disk.agree(None, error)
-    disk.do(lambda: finish(draft))
+    return disk.do(lambda: finish(draft))
 
 
 def write_blocks(comm, file, data):

@@ -95,12 +95,12 @@ class Writer:
         # A symbolic link is kept, and all files of the run are in the folder of its target.
         self.path = Path(os.path.realpath(path) if os.path.islink(path) else path)
         self.grid, self.case = form.grid, form.case
-        self.comm = self.grid.comm.tompi4py()
+        self.comm, self._shape = self.grid.comm.tompi4py(), self.grid.nodes.shape[::-1]
         self.disk = Disk(self.comm, option[0], path, option[1])
         self.kept = None
         self._columns = {name: [] for name in (*columns, *self.case.observables)}
-        self.snapshots, self._fields, self._next_write = [], None, 0.0
-        self._files, self._serial, self._root = [], 0, {}  # on rank 0
+        self.snapshots, self._fields = [], None  # snapshots: (name, time, file name)
+        self._next_write, self._serial, self._root = 0.0, 0, {}  # on rank 0
         #: Along which of x1 and x2 the first nodes are repeated in VTKHDF.
         self._ends = tuple(wrap and not closed for wrap, closed in zip(
             self.grid.periodic, self.case.closed))
@@ -149,23 +149,24 @@ class Writer:
             **self.case.scales(), **attributes})
         kept = None if same else self._rename_earlier()
         self._write_index(snapshots, fields)
-        snapshot_files.remove_unlinked(self.path, self.run, self._files)
+        snapshot_files.remove_unlinked(self.path, self.run, [entry[2] for entry in snapshots])
         self.path.with_suffix(".xdmf").unlink(missing_ok=True)
         if snapshots:
-            self._write_xdmf(xdmf.write, snapshots, fields)
+            xdmf.write(self.path, self._shape, snapshots, fields, self.case.closed)
         return kept, snapshots, fields, self._columns
 
     def _copy(self, source):
-        """Read a `Source`; return names and times of its snapshots, and their common fields.
+        """Read a `Source`; return its `snapshots` and their common fields.
 
         Snapshots inside the source or in files of another run are copied into files of this run.
         """
         with opened(source.path) as file:
-            snapshots, fields, self._root = source.read(file, self._columns)
+            found, fields, self._root = source.read(file, self._columns)
+            snapshots = []
             used = snapshot_files.files_of(self.path, self.run)
             self._serial = max([int(self._root.get(SERIAL, 0)), *(n + 1 for n in used)])
             targets = snapshot_files.linked(file)
-            for name, _ in snapshots:
+            for name, time in found:
                 target, group = targets[name], file["snapshots"][name]
                 if target is None or self.run != source.run:
                     draft = self._snapshot_draft(sum(data.nbytes for data in group.values()))
@@ -177,7 +178,7 @@ class Writer:
                         else:  # format 3 has no periods
                             self._ends = False, False
                     draft.publish(flush=True)
-                self._files.append(target)
+                snapshots.append((name, time, target))
         return snapshots, fields
 
     def _snapshot_draft(self, size):
@@ -201,9 +202,8 @@ class Writer:
 
     def _write_index(self, snapshots, fields):
         """Write the result file: root attributes, history, and links to the snapshot files."""
-        shape = self.grid.nodes.shape[::-1]
         draft = Draft(self.path, 8 * len(self._columns) * self.steps + LINK * len(snapshots)
-                      + ELEMENT * int(np.prod(shape)))
+                      + ELEMENT * int(np.prod(self._shape)))
         with draft:
             file = draft.file
             file.attrs.update({**self._root, SERIAL: self._serial})
@@ -214,12 +214,12 @@ class Writer:
                     maxshape=(None,), chunks=(CHUNK,))
                 column.attrs["unit"] = self._unit(name)
             file.create_group("snapshots", track_order=True)
-            for (name, _), target in zip(snapshots, self._files):
+            for name, _, target in snapshots:
                 snapshot_files.add_link(file, name, target, self._ends)
-            file.create_dataset("cells", data=cells(shape, self.case.closed), shuffle=True,
+            file.create_dataset("cells", data=cells(self._shape, self.case.closed), shuffle=True,
                                 compression="gzip")
             if snapshots:
-                vtkhdf.write(file, [time for _, time in snapshots], shape, fields,
+                vtkhdf.write(file, [time for _, time, _ in snapshots], self._shape, fields,
                              self.case.closed, self._ends)
         draft.publish(flush=True)
 
@@ -284,7 +284,6 @@ class Writer:
         One of the fields is ``coordinates``. The cost does not depend on the number of snapshots.
         NaN and infinite values are written, with a warning on standard error.
         """
-        lattice, shape = self.grid.nodes, self.grid.nodes.shape[::-1]
         name = f"{len(self.snapshots):04d}"
         components = {key: value.shape[:-1] for key, value in fields.items()}
         periods = {key: self.grid.period(fields[key]) for key in ("coordinates", "velocity")
@@ -293,13 +292,13 @@ class Writer:
         def prepare():
             self._check_present()
             draft = self._snapshot_draft(
-                8 * sum(int(np.prod(shape + size)) for size in components.values()))
+                8 * sum(int(np.prod(self._shape + size)) for size in components.values()))
             with draft:
                 group = draft.file.create_group(GROUP)
                 group.attrs["time"], group.attrs["label"] = time, self.case.label(time)
                 group.attrs[self.case.progress_name] = self.case.progress(time)
                 for key, size in components.items():
-                    data = group.create_dataset(key, shape + size, dtype="f8")
+                    data = group.create_dataset(key, self._shape + size, dtype="f8")
                     data.attrs["unit"] = self._unit(key)
                     if key in periods:
                         data.attrs["period"] = periods[key]
@@ -309,20 +308,16 @@ class Writer:
             with draft:
                 self._repeat_nodes(draft.file)
             draft.publish(flush=True)
-            self._files.append(draft.path.name)
+            snapshots = [*self.snapshots, (name, time, draft.path.name)]
             self._write_index(snapshots, common)
-            self._write_xdmf(xdmf.add, snapshots, common)
+            xdmf.add(self.path, self._shape, snapshots, common, self.case.closed)
+            return snapshots
 
-        snapshots = [*self.snapshots, (name, time)]
         common = common_fields(self._fields, components)
         self._warn_not_finite(name, fields)
-        write_draft(self.disk, prepare, blocks_of(lattice, fields, f"{GROUP}/"), finish)
-        self.snapshots, self._fields = snapshots, common
-
-    def _write_xdmf(self, write, snapshots, fields):
-        write(self.path, self.grid.nodes.shape[::-1],
-              [(*snapshot, target) for snapshot, target in zip(snapshots, self._files)],
-              fields, self.case.closed)
+        self.snapshots = write_draft(
+            self.disk, prepare, blocks_of(self.grid.nodes, fields, f"{GROUP}/"), finish)
+        self._fields = common
 
     def _warn_not_finite(self, snapshot, fields):
         """Print which fields of a snapshot contain NaN or infinite values, and where."""
