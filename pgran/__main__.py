@@ -93,7 +93,8 @@ class Run:
 
     def __init__(self, form, is_steady, asked):
         from .output.terminal import Terminal
-        from .output.writer import BALANCE, HISTORY, Source, Writer
+        from .output.start import Source
+        from .output.writer import BALANCE, HISTORY, Writer
         from .solve import state
         from .solve.driver import Driver
 

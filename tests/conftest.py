@@ -1,4 +1,4 @@
-"""What the tests share: discretisations, and commands with a time limit."""
+"""Shared helpers of the tests: discretisations, and commands with a time limit."""
 
 import fcntl
 import functools
@@ -14,15 +14,13 @@ import numpy as np
 import petsc4py
 import pytest
 
-# One machine: Open MPI need not look for networks each time that it starts.
-os.environ.setdefault("OMPI_MCA_pml", "ob1")
-os.environ.setdefault("OMPI_MCA_btl", "self,vader")
-# Nor wait at each start for a munge that was installed and does not run.
+# One machine: Open MPI does not search for networks, and does not wait for a munge daemon. Several
+# runs share the cores: ranks are not bound to cores, and waiting ranks yield.
+for variable, setting in (
+        ("pml", "ob1"), ("btl", "self,vader"), ("hwloc_base_binding_policy", "none"),
+        ("mpi_yield_when_idle", "1")):
+    os.environ.setdefault(f"OMPI_MCA_{variable}", setting)
 os.environ.setdefault("PMIX_MCA_psec", "native")
-# Several runs share the cores: ranks are not bound to the first cores, and ranks that wait for a
-# message let the others compute.
-os.environ.setdefault("OMPI_MCA_hwloc_base_binding_policy", "none")
-os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 ROOT = Path(__file__).resolve().parent.parent
 # The studies are not installed.
 sys.path.insert(0, str(ROOT / "jobs"))
@@ -33,18 +31,18 @@ from pgran.runs import run_on_ranks  # noqa: E402
 
 #: Seconds that a command may take on an idle machine.
 LIMIT = 240.0
-#: Seconds that the fork server needs to start on an idle machine.
+#: Start time of the fork server on an idle machine, s.
 START = 0.5
-#: The files that take longest. They begin first, so that no worker is left with one at the end.
+#: The slowest files. They begin first, so that the workers end at about the same time.
 LONGEST = ("test_multigrid.py", "test_runs.py", "test_restart.py", "test_flows.py",
            "test_studies.py", "test_eigen.py", "test_growth.py")
 
 
 class ForkServer:
-    """Runs ``python -m module`` in forks of a process that has imported what commands need.
+    """Runs ``python -m module`` in forks of a process that has imported the modules of pgran.
 
-    One server serves all tests of a pytest process. The time that it needs to start says how fast
-    this machine is at present.
+    One server serves all tests of a pytest process. Its start time measures how slow this machine
+    is at present.
     """
 
     def __init__(self):
@@ -63,28 +61,16 @@ class ForkServer:
             for name in {*environment, *self.environment} if name.startswith("PYTHON"))
 
     def run(self, module, *arguments, folder=ROOT, limit=LIMIT):
-        """Run a command, at most ``limit`` seconds; return the finished process.
+        """Run a command in ``folder``; return the finished process.
 
-        Parameters
-        ----------
-        module : str
-        *arguments : object
-            Their texts are passed on.
-        folder : Path
-            Where the command runs.
-        limit : float
-            Seconds on an idle machine.
-
-        Raises
-        ------
-        subprocess.TimeoutExpired
+        Raises `subprocess.TimeoutExpired` after ``limit`` seconds of an idle machine.
         """
         with tempfile.TemporaryDirectory() as files:
             output, errors = (Path(files) / name for name in ("output", "errors"))
             self.process.stdin.write(json.dumps({
                 "module": module, "arguments": list(map(str, arguments)), "folder": str(folder),
-                "environment": run_on_ranks.command(0)[1], "output": str(output), "errors": str(errors),
-                "limit": limit * self.slowness}) + "\n")
+                "environment": run_on_ranks.command(0)[1], "output": str(output),
+                "errors": str(errors), "limit": limit * self.slowness}) + "\n")
             self.process.stdin.flush()
             code = json.loads(self.process.stdout.readline())["code"]
             command = ["python", "-m", module, *map(str, arguments)]
@@ -101,13 +87,13 @@ def fork_server():
 
 
 def allowed(seconds):
-    """Return the time limit, s, that takes the place of one for an idle machine."""
+    """Return the time limit on this machine, s, from the limit on an idle machine."""
     return seconds * fork_server().slowness
 
 
 def pytest_collection_modifyitems(items):
-    place = {name: number for number, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: place.get(item.path.name, len(place)))
+    order = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path.name, len(order)))
 
 
 def pytest_sessionfinish():
@@ -116,16 +102,17 @@ def pytest_sessionfinish():
 
 
 def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
-    """Run ``python arguments`` on ranks, at most ``limit`` seconds; return the finished process.
+    """Run ``python arguments`` on ranks; return the finished process.
 
     On 0 ranks, ``-m module`` runs in a fork of the `ForkServer`, and other commands in a new
-    process. The limit is that of an idle machine.
+    process. The limit is for an idle machine, s.
     """
     if not ranks and fork_server().serves(arguments):
         done = fork_server().run(*arguments[1:], limit=limit)
     else:
-        done = run_on_ranks.python(ranks, *arguments, timeout=allowed(limit), check=False, text=True,
-                             cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        done = run_on_ranks.python(ranks, *arguments, timeout=allowed(limit), check=False,
+                                   text=True, cwd=ROOT, stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE)
     if check and done.returncode:
         raise AssertionError(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
     return done
@@ -139,10 +126,10 @@ def pgran(ranks, options_file, output, *arguments, **more):
 
 @pytest.fixture(scope="session")
 def shared_run(tmp_path_factory):
-    """Return ``shared_run(name, ranks, options_file, *arguments)``, a run that all files share.
+    """Return ``shared_run(name, ranks, options_file, *arguments)``, a run for all test files.
 
-    The first worker that asks for a name makes the run, and the others wait for it. The answer is
-    the path of the result and what the run printed. Tests must not change the result.
+    It returns the path of the result and the printed text. The first worker makes the run, and the
+    others wait for it. Tests must not change the result.
     """
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
@@ -169,22 +156,36 @@ def small_specimen(shared_run):
 
 
 def refused(done, *messages):
-    """Assert that a run ended with one error message that holds ``messages``."""
+    """Assert that a run ended with one error message that contains ``messages``."""
     assert done.returncode == 1, done.stdout + done.stderr
     assert done.stderr.count("error: ") == 1 and "Traceback" not in done.stderr, done.stderr
     for message in messages:
         assert message in done.stderr
 
 
+def read_vtk(path):
+    """Yield the pyvista grids of a result, one for each step, as VTK reads them."""
+    import pyvista
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    reader = vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    for step in range(reader.GetNumberOfSteps()):
+        reader.SetStep(step)
+        reader.Update()
+        yield pyvista.wrap(reader.GetOutput()).copy()
+
+
 def parameters(**options):
-    """Return the resolved parameters of options given by their names without prefix."""
+    """Return the resolved parameters of options without prefix."""
     from pgran import cases
 
     return cases.read({f"pgran_{name}": str(value) for name, value in options.items()})
 
 
 def discretised(**options):
-    """Return the `WeakForm` of options given by their names without prefix. Collective."""
+    """Return the `WeakForm` of options without prefix. Collective."""
     from petsc4py import PETSc
 
     from pgran.space.weakform import discretise
@@ -193,30 +194,30 @@ def discretised(**options):
 
 
 def at_rest(form, x, theta, time=0.0, stress=None):
-    """Return the `Increment` on a mesh ``x``, with rates of zero and an old stress of zero."""
+    """Return the `Increment` on a mesh ``x``, with zero rates and by default zero stress."""
     return form.increment(x, form.no_stress() if stress is None else stress, theta, time)
 
 
 def owned_elements(grid):
-    """Return which of the local elements this rank owns, (n,) bool."""
+    """Return which local elements this rank owns, (n,) bool."""
     return np.isin(np.arange(grid.n_elements), grid.elements.owned)
 
 
 def lattice_noise(lattice, seed):
-    """Random numbers at the local points of a lattice that do not depend on the ranks."""
+    """Return random numbers at the local points of a lattice, independent of the ranks."""
     nx, ny = lattice.shape
     table = np.random.default_rng(seed).standard_normal((ny, nx))
     return table[lattice.j % ny, lattice.i % nx]
 
 
 def noise(grid, seed):
-    """Random unknowns (n_local,) that do not depend on the ranks."""
+    """Return random unknowns (n_local,), independent of the ranks."""
     nodes = [lattice_noise(grid.nodes, seed + k) for k in range(3)]
     return grid.join(np.array(nodes[:2]), nodes[2], lattice_noise(grid.corners, seed + 3))
 
 
-def newton(form, increment, local, tolerance=1e-11, most=30):
-    """Solve the form's equations by Newton's method with a direct solver; return the unknowns."""
+def newton(form, increment, local, tolerance=1e-11, max_iterations=30):
+    """Solve the equations by Newton's method with a direct solver; return the unknowns."""
     from petsc4py import PETSc
 
     grid, matrix = form.grid, form.create_matrix()
@@ -226,7 +227,7 @@ def newton(form, increment, local, tolerance=1e-11, most=30):
     ksp.getPC().setFactorSolverType("mumps")
     right, update = grid.create_vector(), grid.create_vector()
     zero = np.zeros(grid.n_local)
-    for _ in range(most):
+    for _ in range(max_iterations):
         right.setArray(form.residual(local, zero, increment))
         if right.norm() < tolerance:
             return local

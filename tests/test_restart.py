@@ -247,7 +247,7 @@ def test_a_damaged_checkpoint_is_passed_over(short, tmp_path):
         same(short, tmp_path / "other.h5", 1e-7)
     older.write_bytes(b"")
     refused(pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path, check=False),
-            "it has no checkpoint to go on from", older.name, newest.name)
+            "it has no checkpoint to resume from", older.name, newest.name)
 
 
 def put(name, values):
@@ -261,14 +261,14 @@ def put(name, values):
 
 #: What is done to an open checkpoint, and what is said of it.
 DAMAGE = {
-    "coordinates is no array of 31 x 11 x 2 numbers": lambda file: file.pop("nodes/coordinates"),
-    "pressure is no array of 16 x 6 numbers": put("corners", 1.0),
-    "stress is no array of 15 x 5 x 3 x 9 numbers": put("elements/stress", np.zeros((15, 5, 2, 9))),
-    "fluidity is no array of 31 x 11 numbers": put("nodes/fluidity", np.full((31, 11), b"1")),
-    "earlier_stress is no array": lambda file: file.pop("elements/earlier_stress"),
-    "velocity is not a number everywhere": put("nodes/velocity", np.full((31, 11, 2), np.nan)),
-    "time is not a number": lambda file: file.attrs.modify("time", np.nan),
-    "wanted is not a number": lambda file: file.attrs.create("wanted", "soon"),
+    "coordinates is not an array of 31 x 11 x 2 numbers": lambda file: file.pop("nodes/coordinates"),
+    "pressure is not an array of 16 x 6 numbers": put("corners", 1.0),
+    "stress is not an array of 15 x 5 x 3 x 9 numbers": put("elements/stress", np.zeros((15, 5, 2, 9))),
+    "fluidity is not an array of 31 x 11 numbers": put("nodes/fluidity", np.full((31, 11), b"1")),
+    "earlier_stress is not an array": lambda file: file.pop("elements/earlier_stress"),
+    "velocity contains NaN": put("nodes/velocity", np.full((31, 11, 2), np.nan)),
+    "time is not a finite number": lambda file: file.attrs.modify("time", np.nan),
+    "wanted is not a finite number": lambda file: file.attrs.create("wanted", "soon"),
     "its numbers are those of no run": lambda file: file.attrs.create("period", 0.0),
     "steps is missing": lambda file: file.attrs.pop("steps")}
 

@@ -1,10 +1,9 @@
-"""Files that are written whole or not at all, by rank 0, with errors that all ranks share.
+"""Atomic writing of files by rank 0, with errors that all ranks share.
 
-A file is never changed in place. A draft of its next version is written under a private name,
-flushed to the disk, and renamed. Whoever reads the file, and whatever kills the run, finds the last
-whole version. Only rank 0 touches the disk: it receives the blocks of the other ranks one after the
-other. A full disk, a quota or a folder that disappears therefore strikes one rank in Python, which
-tells the others, and none of them is left waiting in a collective write of HDF5.
+A new version of a file is written under a private name, flushed to the disk and renamed. A reader
+therefore finds the last complete version, even if the run is killed. Only rank 0 writes: it
+receives the blocks of the other ranks one by one. A full disk, a quota or a missing folder then
+raises an exception on rank 0, which all ranks raise, and no rank hangs in a collective write.
 """
 
 import errno
@@ -21,103 +20,90 @@ import numpy as np
 
 from ..options import PREFIX, ParameterError
 
-#: The folder that is made where it is missing, like those below it.
+#: This folder and the folders below it are created if they are missing.
 RESULTS = "results"
 #: Errors of flock on file systems without locks, such as Lustre mounted without ``-o flock``.
 NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP}
-#: Largest message with field values between ranks, bytes.
-PIECE = 1 << 23
-#: Bytes that HDF5 may need for its own structures in one update of a file.
-STRUCTURES = 1 << 20
+#: Errors of the system and of h5py when a file is read or written.
+FILE_ERRORS = OSError, RuntimeError, KeyError, ValueError
+#: Largest message with field values between ranks, bytes; a message has at least one row of nodes.
+MESSAGE_SIZE = 1 << 23
+#: Upper bound of what HDF5 adds to a file in one update besides the data, bytes.
+OVERHEAD = 1 << 20
 
 
 class Disk:
-    """What rank 0 does with the files that one option names.
+    """Operations of rank 0 on the files that an option names.
 
-    Parameters
-    ----------
-    comm : mpi4py.MPI.Comm
-    name, value : str
-        The option and what it was given, for messages.
-    prefix : str
-        What the option's name begins with.
+    ``name``, ``value`` and ``prefix`` are the option and its value, for messages.
     """
 
     def __init__(self, comm, name, value, prefix=PREFIX):
         self.comm, self._option = comm, (name, value, prefix)
 
     def do(self, action):
-        """Do ``action()`` on rank 0; every rank gets its answer, or its `ParameterError`."""
-        answer = error = None
+        """Return ``action()`` of rank 0 on all ranks, or raise its `ParameterError` on all."""
+        result = error = None
         if self.comm.rank == 0:
             try:
-                answer = action()
-            except (OSError, RuntimeError, KeyError, ValueError) as problem:  # h5py raises any
-                error = told(problem)
-        return self.agree(answer, error)
+                result = action()
+            except FILE_ERRORS as problem:
+                error = error_text(problem)
+        return self.agree(result, error)
 
-    def agree(self, answer, error):
-        """Return the ``answer`` of rank 0 on all ranks, or raise its ``error``, a text."""
-        answer, error = self.comm.bcast((answer, error))
+    def agree(self, result, error):
+        """Return the ``result`` of rank 0 on all ranks, or raise its ``error``, a text."""
+        result, error = self.comm.bcast((result, error))
         if error:
             name, value, prefix = self._option
             raise ParameterError(name, value, error, prefix)
-        return answer
+        return result
 
 
-def together(comm, action):
-    """Do ``action()`` on every rank, and return its answer. Collective.
-
-    If it raises a `ParameterError` on some rank, all ranks raise the first one.
-    """
-    answer = error = None
+def collectively(comm, action):
+    """Return ``action()`` of each rank; all ranks raise the first `ParameterError`. Collective."""
+    result = error = None
     try:
-        answer = action()
+        result = action()
     except ParameterError as problem:
         error = problem.name, problem.value, problem.reason, problem.prefix
     for found in comm.allgather(error):
         if found:
             raise ParameterError(*found)
-    return answer
+    return result
 
 
-def told(problem):
-    """Return what an error of the system or of HDF5 says, in one line."""
+def error_text(problem):
+    """Return the message of an error of the system or of HDF5, one line."""
     text = getattr(problem, "reason", None) or getattr(problem, "strerror", None) or str(problem)
     return (text.splitlines() or [type(problem).__name__])[0]
 
 
 class Lock:
-    """The right to write a file, held by one run at a time. It ends with the process.
+    """An exclusive lock on a result file, which ends with the process.
 
-    On a file system without locks nothing is held, and a warning on standard error says so.
-
-    Raises
-    ------
-    OSError
-        If another run holds it.
+    Raises OSError if another run holds it. On a file system without locks it prints a warning.
     """
 
     def __init__(self, path):
         self.path = Path(path).with_name(f".{Path(path).name}.lock")
         while True:
-            self._file = open(self.path, "a+")  # held as long as the run
+            self._file = open(self.path, "a+")
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as problem:
                 if problem.errno in NO_LOCKS:
                     print(f"pgran: warning: {path}: the file system has no locks "
-                          f"({problem.strerror}); nothing prevents another run from writing this "
-                          "file at the same time", file=sys.stderr, flush=True)
+                          f"({problem.strerror}); another run can write this file at the same "
+                          "time", file=sys.stderr, flush=True)
                     break
-                if not isinstance(problem, BlockingIOError):
-                    self._file.close()
-                    raise
                 self._file.seek(0)
                 holder = self._file.read().strip() or "unknown"
                 self._file.close()
+                if not isinstance(problem, BlockingIOError):
+                    raise
                 raise OSError(f"another run writes it ({holder})") from None
-            try:  # whoever held it before may have removed the file in between
+            try:  # the previous holder may have removed the file in between
                 if os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.path)):
                     break
             except FileNotFoundError:
@@ -128,82 +114,57 @@ class Lock:
         self._file.flush()
 
     def release(self):
-        """Give the right back."""
+        """Release the lock."""
         if not self._file.closed:
             self.path.unlink(missing_ok=True)
             self._file.close()
 
 
 def this_process():
-    """Return a text that identifies this process: its machine, its number and when it began.
-
-    It is empty where the system has no /proc.
-    """
-    return _process("self") and f"{_machine()} {os.getpid()} {_process('self')}"
+    """Return the `process_identity` of this process."""
+    return process_identity(os.getpid())
 
 
-def is_running(identity):
-    """Return whether the process with the text of `this_process` still runs on this machine.
-
-    None where that is not known: the process belongs to another machine or container.
-    """
-    machine, _, rest = identity.partition(" ")
-    number, _, began = rest.partition(" ")
-    if not began or machine != _machine():
-        return None
-    return _process(number) == began
-
-
-def _machine():
-    """Identify this boot of this machine, and its numbering of processes; empty without /proc."""
+def process_identity(number):
+    """Return a text that identifies a running process; empty if it has ended, or without /proc."""
     try:
-        return (Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-                + f"/{os.stat('/proc/self/ns/pid').st_ino}")
-    except OSError:
-        return ""
-
-
-def _process(number):
-    """Return when a process began, in ticks of the machine's clock; empty if it has ended."""
-    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        namespace = os.stat("/proc/self/ns/pid").st_ino
         fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
     except OSError:
         return ""
-    return "" if fields[0] in "ZX" else fields[19]
+    return "" if fields[0] in "ZX" else f"{boot}/{namespace} {number} {fields[19]}"
+
+
+def is_running(identity):
+    """Return whether the process with this identity runs; None if it belongs to another machine."""
+    machine, number = (*identity.split(), "", "")[:2]
+    if not machine or machine != this_process().partition(" ")[0]:
+        return None
+    return process_identity(number) == identity
 
 
 class Draft:
-    """The next version of an HDF5 file, under a private name until it is whole.
+    """The next version of an HDF5 file, under a private name until it is complete.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    room : int
-        Bytes that will be added. They are reserved first, so that a full disk or a quota is met
-        here, and not inside HDF5.
-    source : Path, optional
-        The version to start from; an empty file unless given.
-    unfinished : Path, optional
-        The private name; that of `private` unless given.
-
-    Attributes
-    ----------
-    file : h5py.File
-        The draft.
+    As a context manager it is removed after an error, and stays open otherwise. It begins with the
+    content of the file ``source``, or empty. ``size`` bytes are reserved first, so that a full disk
+    or a quota raises its error here and not inside HDF5. The open h5py.File is ``file``.
     """
 
-    def __init__(self, path, room, source=None, unfinished=None):
-        self.path, self._private = Path(path), unfinished or private(path)
+    def __init__(self, path, size, source=None, private_path=None):
+        self.path, self._private = Path(path), private_path or private(path)
         try:
             if source:
                 shutil.copyfile(source, self._private)
             else:
-                self._private.write_bytes(_empty())
+                empty = io.BytesIO()
+                h5py.File(empty, "w").close()
+                self._private.write_bytes(empty.getvalue())
             with open(self._private, "r+b") as file:
                 os.posix_fallocate(file.fileno(), 0,
-                                   os.fstat(file.fileno()).st_size + room + STRUCTURES)
-            self.file = h5py.File(self._private, "r+", locking=False)  # the name is private
+                                   os.fstat(file.fileno()).st_size + size + OVERHEAD)
+            self.file = h5py.File(self._private, "r+", locking=False)
         except BaseException:
             self._remove()
             raise
@@ -212,31 +173,24 @@ class Draft:
         return self
 
     def __exit__(self, kind, problem, trace):
-        """Drop the draft after an error; otherwise it stays open."""
         if kind:
             self.drop()
 
     def publish(self, flush):
-        """Close the draft and put it in the place of the file.
-
-        ``flush`` says whether to wait until the disk has it, so that it also outlives the machine.
-        """
+        """Close the draft and replace the file; ``flush`` waits until the data is on the disk."""
         try:
             self.file.close()
             if flush:
-                with open(self._private, "rb") as file:
-                    os.fsync(file.fileno())
+                _sync(self._private)
             self._private.replace(self.path)
             if flush:
-                folder = os.open(self.path.parent, os.O_RDONLY)
-                os.fsync(folder)
-                os.close(folder)
+                _sync(self.path.parent)
         except BaseException:
             self._remove()
             raise
 
     def drop(self):
-        """Forget the draft; the file stays as it is."""
+        """Remove the draft; the file is unchanged."""
         try:
             self.file.close()
         finally:
@@ -245,8 +199,16 @@ class Draft:
     def _remove(self):
         try:
             self._private.unlink(missing_ok=True)
-        except OSError:  # the folder may be gone or read-only
+        except OSError:  # the folder may be missing or read-only
             pass
+
+
+def _sync(path):
+    number = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
 
 
 def private(path):
@@ -255,12 +217,9 @@ def private(path):
 
 
 def make_parents(path):
-    """Make the missing folders of a file if they are `RESULTS` or lie below it; return them.
+    """Create the missing folders of a file and return them.
 
-    Raises
-    ------
-    OSError
-        If another folder is missing: the path may be mistyped.
+    Raises OSError if one of them is neither `RESULTS` nor below it: the path may be mistyped.
     """
     missing = [folder for folder in Path(path).parents if not folder.exists()]
     if any(RESULTS not in folder.parts for folder in missing):
@@ -271,98 +230,95 @@ def make_parents(path):
 
 
 def write_text(path, text):
-    """Write a text file, whole or not at all."""
+    """Write a text file atomically."""
     private(path).write_text(text)
     private(path).replace(path)
 
 
-def _empty():
-    """An HDF5 file without content, bytes."""
-    image = io.BytesIO()
-    with h5py.File(image, "w"):
-        pass
-    return image.getvalue()
+def write_draft(disk, prepare, data, finish):
+    """Write a file with the blocks of all ranks. Collective.
+
+    On rank 0 ``prepare()`` returns a `Draft` with empty datasets, and ``finish(draft)`` publishes
+    it; its result is returned on all ranks. ``data`` has the form that `write_blocks` needs. After
+    an error the draft is removed, and all ranks raise a `ParameterError`.
+    """
+    draft = None
+
+    def create():
+        nonlocal draft
+        draft = prepare()
+
+    disk.do(create)
+    error = write_blocks(disk.comm, draft and draft.file, data)
+    if error:
+        draft.drop()
+    disk.agree(None, error)
+    return disk.do(lambda: finish(draft))
 
 
 def write_blocks(comm, file, data):
     """Write the blocks of all ranks into datasets of an open file. Collective.
 
-    Ranks send buffers of at most `PIECE` bytes, so that rank 0 needs memory for one of them only.
+    The other ranks send messages of about `MESSAGE_SIZE`, and rank 0 holds one of them at a time.
+    Returns the error text on rank 0, or None. All blocks are received even after an error.
 
     Parameters
     ----------
     comm : mpi4py.MPI.Comm
     file : h5py.Group or None
-        Where rank 0 writes; None on the other ranks, and on rank 0 after an error.
+        The target on rank 0; None on the other ranks.
     data : iterable of (str, tuple of slice, ndarray)
         Name of a dataset of real numbers, this rank's block of its first two axes, and the values
-        of the block. All ranks give the same names and components in the same order.
-
-    Returns
-    -------
-    str or None
-        On rank 0, what went wrong. The blocks of the other ranks were received all the same.
+        of the block. Names and components are the same on all ranks, in the same order.
     """
-    problem = None
+    error = None
     for name, block, values in data:
-        ends, components = np.array([[part.start, part.stop] for part in block]), values.shape[2:]
+        bounds = np.array([[part.start, part.stop] for part in block])
         if comm.rank:
-            comm.Send(ends, 0)
-            for rows, columns in pieces(ends, components):
-                comm.Send(np.ascontiguousarray(
-                    values[rows.start - ends[0, 0]:rows.stop - ends[0, 0],
-                           columns.start - ends[1, 0]:columns.stop - ends[1, 0]], float), 0)
+            comm.Send(bounds, 0)
+            for rows in _pieces(values.shape):
+                comm.Send(np.ascontiguousarray(values[rows], float), 0)
             continue
         for source in range(comm.size):
             if source:
-                comm.Recv(ends, source)
-            parts = pieces(ends, components) if source else [block]
-            for part in parts:
+                comm.Recv(bounds, source)
+            (j0, j1), (i0, i1) = bounds
+            shape = j1 - j0, i1 - i0, *values.shape[2:]
+            for rows in _pieces(shape):
+                part = values[rows]
                 if source:
-                    values = np.empty((*(axis.stop - axis.start for axis in part), *components))
-                    comm.Recv(values, source)
-                if file is None or problem:
-                    continue
+                    part = np.empty((rows.stop - rows.start, *shape[1:]))
+                    comm.Recv(part, source)
                 try:
-                    file[name][part] = values
-                except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-                    problem = told(error)
-    return problem
+                    if not error:
+                        file[name][j0 + rows.start:j0 + rows.stop, i0:i1] = part
+                except (*FILE_ERRORS, TypeError) as problem:
+                    error = error_text(problem)
+    return error
 
 
-def pieces(ends, components=()):
-    """Yield the blocks (slice, slice) of at most `PIECE` bytes that make up a larger block.
-
-    ``ends`` (2, 2) are the first and last indices of the larger block along each axis, and
-    ``components`` is the shape of the real values at a point. A point with more is one piece.
-    """
-    (j0, j1), (i0, i1) = ends.tolist()
-    points = max(1, PIECE // (8 * int(np.prod(components, dtype=int))))
-    wide = min(points, max(i1 - i0, 1))
-    high = points // wide
-    for j in range(j0, j1, high):
-        for i in range(i0, i1, wide):
-            yield slice(j, min(j + high, j1)), slice(i, min(i + wide, i1))
+def _pieces(shape):
+    """Return slices of the rows of a block of real numbers, one for each message."""
+    step = max(1, MESSAGE_SIZE // max(1, 8 * int(np.prod(shape[1:]))))
+    return [slice(j, min(j + step, shape[0])) for j in range(0, shape[0], step)]
 
 
-def blocks_of(lattice, fields):
+def blocks_of(lattice, fields, group=""):
     """Yield (name, block, values) of nodal ``fields``, {name: (..., n_local)}, on a lattice.
 
-    The blocks lie in arrays (nj, ni, ...).
+    The blocks belong to arrays (nj, ni, ...) in a ``group`` of the file.
     """
     block = (slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1))
     shape = lattice.j1 - lattice.j0, lattice.i1 - lattice.i0
     for name, values in fields.items():
-        parts = values.shape[:-1]
-        yield name, block, np.moveaxis(
-            values[..., lattice.owned].reshape(parts + shape), (-2, -1), (0, 1)).copy()
+        yield f"{group}{name}", block, np.moveaxis(
+            values[..., lattice.owned].reshape(values.shape[:-1] + shape), (-2, -1), (0, 1)).copy()
 
 
 def local_part(data, i, j):
     """Return the values (..., n) of a dataset (nj, ni, ...) at global indices ``i``, ``j`` (n,).
 
-    The indices fill a rectangle, ``i`` fastest. Where the grid is periodic they may lie beyond its
-    ends.
+    The indices fill a rectangle, ``i`` fastest. On a periodic grid they may exceed its ends.
     """
     nj, ni = data.shape[:2]
     rows, columns = (np.arange(index.min(), index.max() + 1) % n for index, n in ((j, nj), (i, ni)))

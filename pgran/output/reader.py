@@ -1,4 +1,4 @@
-"""Reading result files, by h5py only: what is no whole result is refused with the reason."""
+"""Reading of result files, h5py only: an invalid or incomplete file is refused with the reason."""
 
 import os
 from contextlib import contextmanager
@@ -10,20 +10,20 @@ from .. import cases
 from ..material.elasticity import COMPONENTS
 from ..options import PREFIX, OptionError, ParameterError, plain, written
 from ..space.element import DIM
-from .files import told
+from .files import error_text
 from .snapshots import linked, problem_of
 
-#: Version of the layout of result files. Those of 3 hold their snapshots, those of 2 also have no
-#: /VTKHDF and no units; all are read.
+#: Version of the layout of result files. Earlier versions are read: 3 has no links to snapshot
+#: files, and 2 also has no /VTKHDF and no units.
 FORMAT = 4
-#: Components of fields that have any, (shape).
+#: Shape of the components of fields that have any.
 FIELDS = {"coordinates": (DIM,), "velocity": (DIM,), "deviator": (COMPONENTS,)}
-#: Options of a result that what starts from it does not take over.
+#: Options of a result that are not used by a run that starts from it.
 NOT_TAKEN = "restart", "restart_snapshot", "output", "progress"
 
 
 class ResultError(ValueError):
-    """A file is not a result of pgran, or not a whole one; ``reason`` does not name the file."""
+    """A file is not a valid, complete result; ``reason`` does not contain the name of the file."""
 
     def __init__(self, path, reason):
         super().__init__(f"{path}: {reason}")
@@ -32,15 +32,10 @@ class ResultError(ValueError):
 
 @contextmanager
 def opened(path, snapshots=0, only=None):
-    """Open a result file to read it, as a context. Not collective.
+    """Open a result file for reading, as a context. Not collective.
 
-    ``snapshots`` says how many snapshots it must hold at least. ``only`` names the snapshot that
-    will be read; all of them are checked unless it is given.
-
-    Raises
-    ------
-    ResultError
-        If it is not one of pgran's results, or ends early, when it is opened or while it is read.
+    All snapshots are checked, or the one named ``only``. Raises `ResultError` if it is not a result
+    file, is incomplete, or has less than ``snapshots`` snapshots, also while it is read.
     """
     try:
         if not os.path.exists(path):
@@ -53,35 +48,34 @@ def opened(path, snapshots=0, only=None):
     except ResultError:
         raise
     except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as problem:
-        raise ResultError(path, f"it cannot be read as a result of pgran ({told(problem)})"
+        raise ResultError(path, f"it cannot be read as a pgran result file ({error_text(problem)})"
                           ) from None
 
 
 def _check(path, file, snapshots, only):
     """Raise `ResultError` unless a file has the layout of a result."""
+    def check(valid, reason):
+        if not valid:
+            raise ResultError(path, reason)
+
     version = file.attrs.get("format", FORMAT)
-    if version > FORMAT:
-        raise ResultError(path, f"its format is {version}, that of a later pgran; this one reads "
-                          f"up to {FORMAT}")
+    check(version <= FORMAT, f"its format {version} belongs to a later version of pgran; this "
+          f"version reads formats up to {FORMAT}")
     groups = file.get("snapshots")
-    if not isinstance(groups, h5py.Group):
-        raise ResultError(path, "it is no result of pgran: /snapshots is missing")
-    if len(groups) < snapshots:
-        raise ResultError(path, f"it holds {len(groups)} snapshots")
+    check(isinstance(groups, h5py.Group), "not a pgran result file: /snapshots is missing")
+    check(len(groups) >= snapshots, f"it holds {len(groups)} snapshots")
     run, targets = file.attrs.get("run"), linked(file)
     for name in targets if only is None else {only} & set(targets):
-        if targets[name] and (problem := problem_of(path, run, targets[name])):
-            raise ResultError(path, f"snapshot {name}: {problem}")
+        problem = targets[name] and problem_of(path, run, targets[name])
+        check(not problem, f"snapshot {name}: {problem}")
         group = groups[name]
-        coordinates = group.get("coordinates") if isinstance(group, h5py.Group) else None
-        if not isinstance(coordinates, h5py.Dataset) or coordinates.ndim != 3 \
-                or coordinates.shape[2] != DIM:
-            raise ResultError(path, f"snapshot {name} has no coordinates (ny, nx, {DIM})")
+        x = group.get("coordinates") if isinstance(group, h5py.Group) else None
+        check(isinstance(x, h5py.Dataset) and x.ndim == 3 and x.shape[2] == DIM,
+              f"snapshot {name} has no coordinates (ny, nx, {DIM})")
         for key, data in group.items():
-            if not isinstance(data, h5py.Dataset) or data.dtype.kind != "f" \
-                    or data.shape[:2] != coordinates.shape[:2]:
-                raise ResultError(path, f"{key} of snapshot {name} is no field of numbers on its "
-                                  "nodes")
+            check(isinstance(data, h5py.Dataset) and data.dtype.kind == "f"
+                  and data.shape[:2] == x.shape[:2],
+                  f"{key} of snapshot {name} is not a field of numbers on its nodes")
 
 
 def field_of(file, snapshot, name):
@@ -92,19 +86,16 @@ def field_of(file, snapshot, name):
                           + ", ".join(group))
     values = group[name][...]
     if not np.isfinite(values).all():
-        raise ResultError(file.filename, f"field {name} of snapshot {snapshot} is not a number "
-                          "everywhere")
+        raise ResultError(file.filename, f"field {name} of snapshot {snapshot} contains NaN or "
+                          "infinite values")
     return values
 
 
 def stored_parameters(file):
-    """Return the `pgran.options.Parameters` that an open result was made with.
-
-    Raises `ResultError` where they cannot be read.
-    """
+    """Return the `pgran.options.Parameters` of an open result; raises `ResultError`."""
     text = file.attrs.get("options")
     if not isinstance(text, str):
-        raise ResultError(file.filename, "it is no result of pgran: its options are missing")
+        raise ResultError(file.filename, "not a pgran result file: its options are missing")
     try:
         return cases.read(written(text), stored=True)
     except (OptionError, ParameterError, ValueError) as problem:
@@ -112,57 +103,48 @@ def stored_parameters(file):
 
 
 def continued(texts):
-    """Return the options of a run that goes on from the checkpoint of another one, {name: text}.
+    """Return the options of a run that continues from a checkpoint, {name: text}.
 
-    What is not given in ``texts`` is as it was in the run that ``pgran_restart`` names, and the
-    result goes on in its file.
-
-    Raises
-    ------
-    ParameterError
-        If the file is no result, or if options contradict it.
+    Options that are missing in ``texts`` come from the run that ``pgran_restart`` names. The output
+    is its file. Raises `ParameterError` if it is not a result, or if options contradict it.
     """
     path = texts[f"{PREFIX}restart"]
-    theirs, merged = _taken_over(texts, NOT_TAKEN, "a run that goes on")
+    stored, merged = _merged(texts, NOT_TAKEN, "a restarted run")
     mine = cases.read(merged)
-    _refuse_changes(path, "a run that goes on", texts, theirs, [
-        row.name for row in mine.options if not row.changeable
-        and getattr(mine, row.name) != getattr(theirs, row.name, None)])
+    _refuse_changes(path, "a restarted run", texts, stored, [
+        option.name for option in mine.options if not option.changeable
+        and getattr(mine, option.name) != getattr(stored, option.name, None)])
     return {f"{PREFIX}output": path, **merged}
 
 
 def begun_from(texts):
-    """Return the options of a computation that begins at a snapshot of a result, {name: text}.
+    """Return the options of a computation that starts from a snapshot, {name: text}.
 
-    What is not given in ``texts`` is as it was in the run that ``pgran_restart`` names.
-
-    Raises
-    ------
-    ParameterError
-        If the file is no result, or one of another case, model or law.
+    Options that are missing in ``texts`` come from the run that ``pgran_restart`` names. Raises
+    `ParameterError` if it is not a result, or if its case, model or law differs.
     """
-    return _taken_over(texts, (*NOT_TAKEN, "mode_file", "mode_amplitude"), "what begins at a snapshot")[1]
+    return _merged(texts, (*NOT_TAKEN, "mode_file", "mode_amplitude"),
+                   "a computation from a snapshot")[1]
 
 
-def _taken_over(texts, left_out, what):
-    """The parameters of the result that a restart names, and its options below ``texts``."""
+def _merged(texts, left_out, what):
+    """Return the parameters of the result that a restart names, and its options with ``texts``."""
     path = texts[f"{PREFIX}restart"]
     try:
         with opened(path) as file:
-            theirs = stored_parameters(file)
-            then = written(file.attrs["options"])
+            stored, found = stored_parameters(file), written(file.attrs["options"])
     except ResultError as problem:
         raise ParameterError("restart", path, problem.reason) from None
     for name in left_out:
-        then.pop(f"{PREFIX}{name}", None)
-    _refuse_changes(path, what, texts, theirs, [
-        name for name in (kind.name for kind in cases.KINDS)
-        if texts.get(f"{PREFIX}{name}", getattr(theirs, name)) != getattr(theirs, name)])
-    return theirs, {**then, **texts}
+        found.pop(f"{PREFIX}{name}", None)
+    _refuse_changes(path, what, texts, stored, [
+        kind.name for kind in cases.KINDS
+        if texts.get(PREFIX + kind.name, getattr(stored, kind.name)) != getattr(stored, kind.name)])
+    return stored, {**found, **texts}
 
 
-def _refuse_changes(path, what, texts, theirs, names):
+def _refuse_changes(path, what, texts, stored, names):
     if names:
         raise ParameterError("restart", path, f"{what} cannot change " + ", ".join(
-            f"@{name} (here {texts[PREFIX + name]}, there {plain(getattr(theirs, name, None))})"
+            f"@{name} (here {texts[PREFIX + name]}, there {plain(getattr(stored, name, None))})"
             for name in sorted(names) if PREFIX + name in texts))

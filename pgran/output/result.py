@@ -1,8 +1,8 @@
-"""A result as arrays: what a run wrote, and what follows from it; numpy and h5py only.
+"""Results as arrays: options, history and fields of a result file; numpy and h5py only.
 
-`pgran.open` returns a `Result`: ``result.options``, ``result.history`` and ``result.snapshots``. A
-snapshot gives fields on the Q2 nodes by name, those of the file and those of `QUANTITIES`, and a
-pyvista grid of Q2 elements.
+`pgran.open` returns a `Result` with ``result.options``, ``result.history`` and
+``result.snapshots``. A snapshot gives stored fields and the fields of `QUANTITIES` on the Q2 nodes,
+and a pyvista grid of Q2 elements.
 """
 
 import os
@@ -18,20 +18,19 @@ from ..material.elasticity import strain_fields
 from ..options import PREFIX, ParameterError
 from ..space.element import GAUSS_TO_NODES, NODES, Geometry
 from . import band
+from .connectivity import VTK_NODES, cells, numbers, q2_elements  # noqa: F401
 from .reader import ResultError, field_of, opened, stored_parameters
 from .snapshots import linked
 
-#: Stands for the identifier of any run.
+#: Represents the identifier of any run.
 ANY = object()
-#: Order of the nodes of VTK's biquadratic quadrilateral, as places among those of an element.
-VTK_NODES = 0, 2, 8, 6, 1, 5, 7, 3, 4
 
 
 class DerivedField(NamedTuple):
-    """A field that a snapshot can give.
+    """A field (ny, nx) that a snapshot can give, computed by ``of(snapshot)``.
 
-    ``symbol`` is for labels, in the mathematical notation of matplotlib; ``unit`` may name the
-    stress unit of the case; ``of(snapshot)`` computes it, (ny, nx).
+    ``symbol`` is in the mathematical notation of matplotlib. In ``unit``, "stress" is replaced by
+    the stress unit of the case.
     """
 
     symbol: str
@@ -40,21 +39,17 @@ class DerivedField(NamedTuple):
     of: object
 
 
-def _stored(name):
-    return lambda snapshot: snapshot.stored(name)
+def _stored(name, component=slice(None)):
+    return lambda snapshot: snapshot.stored(name)[..., component]
 
 
-def _part(name, place):
-    return lambda snapshot: snapshot.stored(name)[..., place]
-
-
-def _stress(place, pressure):
-    return lambda snapshot: (snapshot.stored("deviator")[..., place]
+def _stress(component, pressure):
+    return lambda snapshot: (snapshot.stored("deviator")[..., component]
                              - pressure * snapshot.stored("pressure"))
 
 
-def _speed(snapshot):
-    return np.hypot(*np.moveaxis(snapshot.stored("velocity"), -1, 0))
+def _strain(name):
+    return lambda snapshot: snapshot.strain_field(name)
 
 
 def _strain_rate(snapshot):
@@ -62,8 +57,7 @@ def _strain_rate(snapshot):
     return np.sqrt(2.0 * (d11**2 + d22**2) + 4.0 * d12**2)
 
 
-def _strain(snapshot):
-    """ln(l1/l2), the difference of the principal values of the logarithmic strain."""
+def _shear_strain(snapshot):
     h11, h22, h12 = np.moveaxis(snapshot.strain_field("strain_tensor"), -1, 0)
     return np.hypot(h11 - h22, 2.0 * h12)
 
@@ -72,43 +66,41 @@ def _above_yield(snapshot):
     ratio = snapshot.result.case.law.yield_ratio
     if not ratio:
         raise ResultError(snapshot.result.path, f"its law {snapshot.result.parameters.law} has no "
-                          "yield value; there is no above_yield")
+                          "yield value; above_yield is undefined")
     return snapshot.stored("stress_ratio") - ratio
 
 
 #: All quantities by name.
-QUANTITIES = {
-    "inertial_number": DerivedField("I", "", "inertial number", _stored("inertial_number")),
-    "fluidity": DerivedField("g", "gdot0", "fluidity", _stored("fluidity")),
-    "pressure": DerivedField("P", "stress", "pressure", _stored("pressure")),
-    "stress_ratio": DerivedField(r"\mu", "", "stress ratio tau/P", _stored("stress_ratio")),
-    "above_yield": DerivedField(r"\mu - \mu_s", "", "distance to yield", _above_yield),
-    "speed": DerivedField("|v|", "d gdot0", "size of the velocity", _speed),
-    "velocity_1": DerivedField("v_1", "d gdot0", "velocity along x1", _part("velocity", 0)),
-    "velocity_2": DerivedField("v_2", "d gdot0", "velocity along x2", _part("velocity", 1)),
-    "strain_rate": DerivedField(r"\dot\gamma", "gdot0", "equivalent shear rate sqrt(2 D:D)",
-                            _strain_rate),
-    "spin": DerivedField(r"\omega", "gdot0", "spin (d v2/d x1 - d v1/d x2)/2",
-                     lambda snapshot: snapshot.strain_field("spin")),
-    "strain": DerivedField(r"\gamma", "", "equivalent shear strain since the start, ln(l1/l2) of the "
-                       "principal stretches", _strain),
-    "volume_change": DerivedField("J - 1", "", "change of volume since the start",
-                              lambda snapshot: snapshot.strain_field("volume_change")),
-    "stress_11": DerivedField(r"\sigma_{11}", "stress", "stress, tension positive", _stress(0, 1.0)),
-    "stress_22": DerivedField(r"\sigma_{22}", "stress", "stress, tension positive", _stress(1, 1.0)),
-    "stress_12": DerivedField(r"\sigma_{12}", "stress", "stress, tension positive", _stress(2, 0.0)),
-}
+QUANTITIES = {name: DerivedField(*entry) for name, entry in {
+    "inertial_number": ("I", "", "inertial number", _stored("inertial_number")),
+    "fluidity": ("g", "gdot0", "fluidity", _stored("fluidity")),
+    "pressure": ("P", "stress", "pressure", _stored("pressure")),
+    "stress_ratio": (r"\mu", "", "stress ratio tau/P", _stored("stress_ratio")),
+    "above_yield": (r"\mu - \mu_s", "", "distance to yield", _above_yield),
+    "speed": ("|v|", "d gdot0", "size of the velocity",
+              lambda snapshot: np.hypot(*np.moveaxis(snapshot.stored("velocity"), -1, 0))),
+    "velocity_1": ("v_1", "d gdot0", "velocity along x1", _stored("velocity", 0)),
+    "velocity_2": ("v_2", "d gdot0", "velocity along x2", _stored("velocity", 1)),
+    "strain_rate": (r"\dot\gamma", "gdot0", "equivalent shear rate sqrt(2 D:D)", _strain_rate),
+    "spin": (r"\omega", "gdot0", "spin (d v2/d x1 - d v1/d x2)/2", _strain("spin")),
+    "strain": (r"\gamma", "", "equivalent shear strain since the start, ln(l1/l2) of the "
+               "principal stretches", _shear_strain),
+    "volume_change": ("J - 1", "", "change of volume since the start", _strain("volume_change")),
+    "stress_11": (r"\sigma_{11}", "stress", "stress, tension positive", _stress(0, 1.0)),
+    "stress_22": (r"\sigma_{22}", "stress", "stress, tension positive", _stress(1, 1.0)),
+    "stress_12": (r"\sigma_{12}", "stress", "stress, tension positive", _stress(2, 0.0)),
+}.items()}
 
 
 class Result:
-    """What a run wrote, read when it is made; snapshots are read when they are asked for.
+    """The result of a run, read by the constructor; fields are read on first use.
 
     Parameters
     ----------
     path : str or Path
-        The HDF5 file, which may still be written.
+        The HDF5 file. It may belong to a running job.
     run : str or None, optional
-        The identifier of the run that the file must hold; any run unless given.
+        The identifier of the run that the file must hold (default: any run).
 
     Attributes
     ----------
@@ -117,22 +109,22 @@ class Result:
     run : str or None
         The identifier of the run. Files of release 0.1 have none.
     attributes : dict
-        Root attributes: versions, scales, and what the run took if it has ended.
+        Root attributes: versions, scales, and the cost of a completed run.
     parameters : pgran.options.Parameters
         The resolved options.
     options : dict
         The same, {name: value}, without the prefix.
     history : dict
-        {name: ndarray (steps,)}, one entry for each accepted step.
+        {name: ndarray (steps,)}, one entry per accepted step.
     history_units : dict
-        {name: str}, the units of the history; empty for a pure number.
+        {name: str}, units of the history; empty for a pure number.
     snapshots : list of Snapshot
 
     Raises
     ------
     ResultError
-        If it is not a result of pgran. Reading a snapshot raises it also where the file holds
-        another run by then.
+        If it is not a result file. Reading a field raises it also if another run has replaced the
+        file.
     """
 
     def __init__(self, path, run=ANY):
@@ -141,22 +133,23 @@ class Result:
             self.attributes = dict(file.attrs)
             self.run = self.attributes.get("run")
             self.parameters = stored_parameters(file)
-            self.history = {name: data[...] for name, data in file.get("history", {}).items()}
+            history = file.get("history", {})
+            self.history = {name: data[...] for name, data in history.items()}
             self.history_units = {name: str(data.attrs.get("unit", ""))
-                                  for name, data in file.get("history", {}).items()}
+                                  for name, data in history.items()}
             self.snapshots = [
                 Snapshot(self, name, dict(file["snapshots"][name].attrs), target)
                 for name, target in linked(file).items()]
-        self.options = {row.name: getattr(self.parameters, row.name)
-                        for row in self.parameters.options}
+        self.options = {option.name: getattr(self.parameters, option.name)
+                        for option in self.parameters.options}
 
     def __getstate__(self):
-        """Leave out the case, which is made again: it may hold functions."""
+        """Leave out the case, which may hold functions and is created again."""
         return {name: value for name, value in vars(self).items() if name != "case"}
 
     @contextmanager
     def opened(self, only=None):
-        """Open the file to read it, as a context; raises `ResultError` if it holds another run.
+        """Open the file as a context; raises `ResultError` if it holds another run.
 
         ``only`` names the snapshot that will be read.
         """
@@ -173,19 +166,19 @@ class Result:
 
     @property
     def complete(self):
-        """Whether the run came to its end."""
+        """Whether the run was completed."""
         return bool(self.attributes.get("complete", False))
 
     @property
     def steady(self):
-        """Whether a steady flow was computed, in pseudo-time; the time of its steps is the same."""
+        """Whether it is a steady flow, computed in pseudo-time: all steps have the same time."""
         time = self.history.get("time", ())
         return "steady_residual" in self.attributes or (len(time) > 1 and not np.ptp(time))
 
     def progress(self):
-        """Return what the history is drawn against: a name, and values (steps,).
+        """Return name and values (steps,) of the abscissa of the history.
 
-        This is what the case is counted by, or of a steady flow the number of the step.
+        It is the progress of the case, or the number of the step for a steady flow.
         """
         if self.steady:
             return "step", np.arange(1, len(self.history["time"]) + 1)
@@ -193,29 +186,21 @@ class Result:
 
     @cached_property
     def case(self):
-        """The `pgran.cases.Case` that was solved; raises `ResultError` where it is not found."""
+        """The `pgran.cases.Case` of the run; raises `ResultError` if it cannot be created."""
         try:
             return cases.create(self.parameters)
         except ParameterError as problem:
-            raise ResultError(self.path, f"its case cannot be made ({problem})") from None
+            raise ResultError(self.path, f"its case cannot be created ({problem})") from None
 
     @property
     def closed(self):
-        """Whether the last nodes along x1 and x2 neighbour the first ones."""
+        """Whether the last nodes along x1 and x2 are neighbours of the first ones in space."""
         return tuple(map(bool, self.attributes.get("closed", (False, False))))
 
-    @cached_property
-    def fixed_period(self):
-        """The period (2, 2) of a fixed mesh along x1 and x2, d; zero where it is not known."""
-        try:
-            return np.zeros((2, 2)) if self.case.moving else self.case.period
-        except ResultError:
-            return np.zeros((2, 2))
-
     def unit(self, name):
-        """Return the unit of a quantity of `QUANTITIES` or of another field, empty if it has none.
+        """Return the unit of a field; empty for a pure number.
 
-        Raises `ResultError` for a stress whose case is not found.
+        Raises `ResultError` for a stress whose case cannot be created.
         """
         if name in QUANTITIES:
             unit = QUANTITIES[name].unit
@@ -226,15 +211,15 @@ class Result:
 
 
 class Snapshot:
-    """The fields of one moment, on the Q2 nodes (ny, nx); x1 runs along the last axis.
+    """The fields at one time, on the Q2 nodes (ny, nx); x1 varies along the last axis.
 
     Attributes
     ----------
     result : Result
     name : str
-        Of its group in the file.
+        The name of its group in the file.
     attributes : dict
-        Such as ``time`` (1/gdot0) and ``label``.
+        For example ``time`` (1/gdot0) and ``label``.
     target : str or None
         The name of its file; None for a snapshot inside the result file.
     """
@@ -253,13 +238,22 @@ class Snapshot:
 
     @property
     def label(self):
-        """Where in the run it is, in words; a steady flow has no time."""
+        """The progress of the run as a text, for example "5.0 % compression"."""
         if "steady_residual" in getattr(self.result, "attributes", ()):
             return "steady flow"
         return str(self.attributes.get("label", ""))
 
+    @property
+    def x(self):
+        """Coordinates of the nodes, (ny, nx, 2), d."""
+        return self.stored("coordinates")
+
+    def __getitem__(self, name):
+        """Return a field of `QUANTITIES` or of the file."""
+        return QUANTITIES[name].of(self) if name in QUANTITIES else self.stored(name)
+
     def stored(self, name):
-        """Return a field of the file, (ny, nx, ...); raises `ResultError` where there is none."""
+        """Return a field of the file, (ny, nx, ...); raises `ResultError` if it is missing."""
         if name not in self._read:
             with self._opened() as file:
                 self._read[name] = field_of(file, self.name, name)
@@ -267,121 +261,94 @@ class Snapshot:
 
     @contextmanager
     def _opened(self):
-        """Open the result, as a context; raises `ResultError` where it has another snapshot."""
         with self.result.opened(self.name) as file:
             if linked(file).get(self.name, "") != self.target:
                 raise ResultError(self.result.path, f"snapshot {self.name} was replaced after it "
-                                  "was read, as the run went on")
+                                  "was read, because the run was continued")
             yield file
 
+    @cached_property
+    def names(self):
+        """Names of the fields of the file, without the coordinates."""
+        with self._opened() as file:
+            return tuple(name for name in file["snapshots"][self.name] if name != "coordinates")
+
     def keep(self, fields, periods=None):
-        """Take fields, {name: (ny, nx, ...)}, and `period` values in place of those of the file."""
+        """Replace stored fields, {name: (ny, nx, ...)}, and values of `period`."""
         self._read.update(fields)
         self._periods.update(periods or {})
 
     def period(self, name):
-        """Return by how much a field of the file changes once around a periodic grid, (2, ...).
+        """Return the change of a stored field across a periodic grid along x1 and x2, (2, ...).
 
-        The first entry is the change along x1, the second one along x2. It is zero where the grid
-        is not periodic, and for fields without the attribute ``period``. Files of earlier releases
-        have no such attribute: the period of a fixed mesh then comes from the case.
+        It is zero for fields without the attribute ``period``.
         """
         if name not in self._periods:
             with self._opened() as file:
                 data = file["snapshots"][self.name].get(name)
-                found = None if data is None else data.attrs.get("period")
-            if found is None:
-                found = self.result.fixed_period if name == "coordinates" else np.zeros(2)
-            self._periods[name] = found
+                self._periods[name] = np.zeros(2) if data is None else data.attrs.get(
+                    "period", np.zeros(2))
         return self._periods[name]
 
     @cached_property
     def open_ends(self):
-        """Whether the grid is periodic without being closed in space, along x1 and x2."""
+        """Whether the grid is periodic but not closed in space, along x1 and x2."""
         return tuple(not closed and bool(np.any(shift)) for closed, shift in zip(
             self.result.closed, self.period("coordinates")))
 
     def continued(self, axes):
-        """Return the snapshot with its first nodes repeated at the ends of periodic directions.
+        """Return the snapshot with its first nodes repeated at the end of periodic directions.
 
-        Parameters
-        ----------
-        axes : tuple of bool
-            Whether to repeat the first nodes along x1 and along x2. Coordinates and velocity there
-            are those of the next period.
+        ``axes`` are two bool, for x1 and x2. The repeated nodes have the coordinates and
+        velocities of the next period.
         """
         return _Continued(self, axes) if any(axes) else self
 
     @cached_property
     def whole(self):
-        """The snapshot whose nodes reach to the ends of all periodic directions."""
+        """The snapshot with the first nodes repeated in all periodic directions."""
         return self.continued(tuple(map(np.logical_or, self.result.closed, self.open_ends)))
-
-    def __getitem__(self, name):
-        """Return a quantity of `QUANTITIES`, or any other field of the file."""
-        return QUANTITIES[name].of(self) if name in QUANTITIES else self.stored(name)
-
-    @property
-    def x(self):
-        """Coordinates of the nodes, (ny, nx, 2), d."""
-        return self.stored("coordinates")
 
     @cached_property
     def velocity_gradient(self):
         """(2, 2, ny, nx): d v_i/d x_j, gdot0, from the Gauss points."""
         return self._at_nodes(self._gradient(self.whole.stored("velocity"), self.whole.x))
 
-    @cached_property
-    def deformation_gradient(self):
-        """(2, 2, ny, nx): d x_i/d X_j since the start, from the Gauss points.
-
-        Raises `ResultError` on a fixed mesh.
-        """
-        return self._at_nodes(self._gradient(self.whole.x, self._start()))
-
     def strain_field(self, name):
         """Return one of `pgran.material.elasticity.strain_fields`, (ny, nx, ...).
 
-        It is that of the file. Where the file lacks it, as those of earlier releases may, it is
-        computed from velocity and coordinates in the way of
-        `pgran.space.weakform.WeakForm.nodal_strains`.
-
-        Raises
-        ------
-        ResultError
-            For a strain since the start on a fixed mesh, and where the elements cannot be made.
+        If the file lacks it, such as the file of a mode, it is computed as in
+        `pgran.space.weakform.WeakForm.nodal_strains`. Raises `ResultError` for a strain since the
+        start on a fixed mesh, and if the nodes do not form elements.
         """
         if name in self._read or name in self.names:
             return self.stored(name)
         x, velocity, since_start = self.whole.x, self.whole.stored("velocity"), None
         if name in ("strain_tensor", "volume_change"):
-            since_start = self._gradient(x, self._start())
+            since_start = self._gradient(x, self._initial_coordinates())
         values = strain_fields(self._gradient(velocity, x), since_start)[name]
         found = self._at_nodes(values)
         return found if values.ndim == 2 else np.moveaxis(found, 0, -1)
 
-    def _start(self):
-        """The coordinates (ny, nx, 2) of the nodes of `whole` at the start, d."""
-        case = self.result.case
+    def _initial_coordinates(self):
+        case, shape = self.result.case, self.whole.x.shape[:2]
         if not case.moving:
-            raise ResultError(self.result.path, "its mesh does not move with the material; there "
-                              "is no strain since the start")
-        ny, nx = self.whole.x.shape[:2]
-        j, i = (index.ravel() for index in np.mgrid[:ny, :nx])
-        return np.moveaxis(case.coordinates(i, j).reshape(2, ny, nx), 0, -1)
+            raise ResultError(self.result.path, "its mesh is fixed; the strain since the start is "
+                              "undefined")
+        j, i = (index.ravel() for index in np.indices(shape))
+        return np.moveaxis(case.coordinates(i, j).reshape(2, *shape), 0, -1)
 
     @cached_property
     def _elements(self):
-        """The nodes (9, n) of the elements of `whole`, in the order of `pgran.space.element`."""
+        """The nodes (9, n) of all elements, in the order of `pgran.space.element`."""
         shape = self.whole.x.shape[:2]
         if min(shape) < 3 or not all(n % 2 for n in shape):
-            raise ResultError(self.result.path, f"its {shape[1]} x {shape[0]} nodes make no whole "
-                              "elements: it lacks the period of its grid, which later releases "
-                              "store")
+            raise ResultError(self.result.path, f"its {shape[1]} x {shape[0]} nodes do not form "
+                              "elements: the file lacks the period of its grid")
         return np.array(q2_elements(shape)[:, np.argsort(VTK_NODES)].T)
 
     def _gradient(self, values, x):
-        """Gradient (2, 2, points, n) of fields (ny, nx, 2) of `whole` on nodes ``x``."""
+        """Gradient (2, 2, points, n) of fields (ny, nx, 2) on ``x``, with the repeated nodes."""
         values, x = (np.moveaxis(field, -1, 0).reshape(2, -1)[:, self._elements]
                      for field in (values, x))
         geometry = Geometry(x)
@@ -398,40 +365,34 @@ class Snapshot:
         return np.reshape(found, (*values.shape[:-2], ny, nx))
 
     def band(self):
-        """Return what `pgran.output.band.band` measures, a dictionary."""
+        """Return the measurements of `pgran.output.band.band`, a dictionary."""
         return band.band(self.x, self["inertial_number"])
 
     def grid(self, *names):
-        """Return a pyvista UnstructuredGrid of Q2 elements with quantities at the nodes.
+        """Return a pyvista UnstructuredGrid of Q2 elements with fields at the nodes.
 
-        All fields of the file unless ``names`` are given. Vectors get a third component of zero. On
-        a grid that is periodic without being closed in space, the first nodes are repeated at the
-        end of the period.
+        It has all fields of the file unless ``names`` are given. Vectors get a third component of
+        zero. On a grid that is periodic but not closed in space, the first nodes are repeated at
+        the end of the period.
         """
         import pyvista
 
         shown, shape = self.continued(self.open_ends), self.x.shape[:2]
         order = np.argsort(numbers(shape, self.open_ends).ravel())
         elements = q2_elements(shape, self.result.closed, self.open_ends)
-        cells = np.hstack([np.full((len(elements), 1), NODES), elements])
         points = np.pad(shown.x.reshape(-1, 2)[order], ((0, 0), (0, 1)))
         grid = pyvista.UnstructuredGrid(
-            cells.ravel(), np.full(len(cells), pyvista.CellType.BIQUADRATIC_QUAD), points)
+            np.insert(elements, 0, NODES, axis=1).ravel(),
+            np.full(len(elements), pyvista.CellType.BIQUADRATIC_QUAD), points)
         for name in names or self.names:
             flat = shown[name].reshape(len(points), -1)[order]
             grid[name] = flat.ravel() if flat.shape[1] == 1 else (
                 np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1] == 2 else flat)
         return grid
 
-    @cached_property
-    def names(self):
-        """The fields of the file besides the coordinates, a tuple of names."""
-        with self._opened() as file:
-            return tuple(name for name in file["snapshots"][self.name] if name != "coordinates")
-
 
 class _Continued(Snapshot):
-    """A snapshot with its first nodes repeated, see `Snapshot.continued`."""
+    """A snapshot with repeated nodes, see `Snapshot.continued`."""
 
     def __init__(self, snapshot, axes):
         super().__init__(snapshot.result, snapshot.name, snapshot.attributes)
@@ -442,7 +403,7 @@ class _Continued(Snapshot):
         return self._extended(self._of.stored(name), self._of.period(name))
 
     def strain_field(self, name):
-        """Return a field of `Snapshot.strain_field` with the repeated nodes."""
+        """Return `Snapshot.strain_field` with the repeated nodes."""
         return self._extended(self._of.strain_field(name), np.zeros(2))
 
     def _extended(self, field, period):
@@ -452,65 +413,17 @@ class _Continued(Snapshot):
         return field
 
 
-def cells(shape, closed=(False, False)):
-    """Return the nodes (n, 4) of the cells between ``shape`` = (ny, nx) nodes, counterclockwise.
-
-    ``closed`` says whether the last nodes along x1 and along x2 neighbour the first ones.
-    """
-    ny, nx = shape
-    wide, high = (n if wrap else n - 1 for n, wrap in zip((nx, ny), closed))
-    j, i = (index.ravel() for index in np.mgrid[:high, :wide])
-    across, up = (i + 1) % nx, (j + 1) % ny
-    return np.stack([j * nx + i, j * nx + across, up * nx + across, up * nx + i], axis=1)
-
-
-def q2_elements(shape, closed=(False, False), repeated=(False, False)):
-    """Return the nodes (n, 9) of the Q2 elements on ``shape`` = (ny, nx) nodes, in VTK's order.
-
-    Parameters
-    ----------
-    shape : tuple of int
-    closed : tuple of bool
-        Whether the last nodes along x1 and x2 neighbour the first ones.
-    repeated : tuple of bool
-        Whether the first nodes are repeated at the end along x1 and x2, on a grid that is periodic
-        without being closed in space; otherwise its last elements have no end and are left out.
-        The repeated nodes are numbered after all others, as `numbers` has it.
-    """
-    node = numbers(shape, repeated)
-    ny, nx = node.shape
-    wide, high = (n // 2 if wrap else (n - 1) // 2 for n, wrap in zip((nx, ny), closed))
-    j, i = (2 * index.ravel() for index in np.mgrid[:high, :wide])
-    nodes = np.stack([node[(j + up) % ny, (i + along) % nx]
-                      for up in range(3) for along in range(3)], axis=1)
-    return nodes[:, VTK_NODES]
-
-
-def numbers(shape, repeated):
-    """Return the numbers of ``shape`` = (ny, nx) nodes, row by row, and of repeated ones behind.
-
-    An array with one more column where the first nodes are ``repeated`` along x1, and with one more
-    row where they are along x2. These are numbered row by row too, after all others.
-    """
-    ny, nx = shape
-    found = np.full((ny + int(repeated[1]), nx + int(repeated[0])), -1)
-    found[:ny, :nx] = np.arange(ny * nx).reshape(shape)
-    found[found < 0] = np.arange(ny * nx, found.size)
-    return found
-
-
 def options_of(values):
-    """Return the words of a command line that give options, from {name: value}.
+    """Return command-line words of options {name: value}.
 
-    A name is that of an option of pgran without its prefix; one that begins with a dash is given as
-    it is, such as ``{"-snes_atol": 1e-6}``.
+    A name is a pgran option without its prefix, or another option with its dash, for example
+    ``{"-snes_atol": 1e-6}``.
     """
     words = []
     for name, value in values.items():
-        word = name if name.startswith("-") else f"-{PREFIX}{name}"
         if isinstance(value, (bool, np.bool_)):
             value = str(bool(value)).lower()
         elif isinstance(value, (list, tuple, np.ndarray)):
             value = ",".join(map(str, value))
-        words += [word, str(value)]
+        words += [name if name.startswith("-") else f"-{PREFIX}{name}", str(value)]
     return words

@@ -1,9 +1,9 @@
-"""Files of snapshots: each snapshot is written once, to a file of its own beside NAME.h5.
+"""Snapshot files: each snapshot is written once, to a separate file in the folder of NAME.h5.
 
-The file NAME.snapshot_RUN_0003.h5, with the identifier RUN of the run and a serial number, holds
-the group `GROUP` with the fields. Its root attributes repeat its own name (``file``) and ``run``.
-It is never changed, and its name is never used again. NAME.h5 has an external link to it by its
-name alone, so that a folder can be moved as a whole.
+NAME.snapshot_RUN_0003.h5 has the identifier RUN of the run and a serial number in its name. It
+holds the fields in the group `GROUP`, and its name (``file``) and ``run`` as root attributes. It is
+never changed, and its name is never reused. NAME.h5 has an external link to it without a folder, so
+that all files can be moved together.
 """
 
 import os
@@ -14,11 +14,11 @@ import h5py
 
 from . import checkpoint
 
-#: The group of a snapshot in its own file.
+#: The group of a snapshot in its file.
 GROUP = "snapshot"
-#: The group of its fields where the first nodes of a periodic grid are repeated at the end.
+#: The group of its fields at the repeated nodes of a periodic grid.
 REPEATED = "repeated"
-#: The name of such a file, without the folder: stem of the result, run and serial number.
+#: Name of a snapshot file: stem of the result, run and serial number.
 NAME = re.compile(r"(.+)\.snapshot_([0-9A-Za-z]+)_(\d+)\.h5")
 
 
@@ -27,13 +27,8 @@ def ordered(groups):
     return sorted(groups, key=lambda name: (len(name), name))
 
 
-def folder(path):
-    """Return the folder that holds the snapshot files of a result, also behind a symbolic link."""
-    return Path(os.path.realpath(path)).parent
-
-
 def linked(file):
-    """Return {name: file name} of the snapshots of an open result; None for one inside it."""
+    """Return {name: file name} of the snapshots of an open result; None inside the result."""
     groups, found = file["snapshots"], {}
     for name in ordered(groups):
         link = groups.get(name, getlink=True)
@@ -52,12 +47,10 @@ def add_link(file, name, target, ends=(False, False)):
 
 
 def files_of(path, run):
-    """Return the snapshot files that a run wrote under the name of a result, oldest first."""
+    """Return {serial number: Path} of the snapshot files of a run under the name of a result."""
     path = Path(path)
-    found = [(int(match[3]), entry) for entry in path.parent.iterdir()
-             if (match := NAME.fullmatch(entry.name)) and match[1] == path.stem
-             and match[2] == run]
-    return [entry for _, entry in sorted(found)]
+    return {int(match[3]): entry for entry in path.parent.iterdir()
+            if (match := NAME.fullmatch(entry.name)) and match[1] == path.stem and match[2] == run}
 
 
 def file_name(path, run, serial):
@@ -66,20 +59,14 @@ def file_name(path, run, serial):
     return path.with_name(f"{path.stem}.snapshot_{run}_{serial:04d}.h5")
 
 
-def next_serial(path, run):
-    """Return a serial number above those of all `files_of` the run."""
-    return max((int(NAME.fullmatch(entry.name)[3]) + 1 for entry in files_of(path, run)),
-               default=0)
-
-
 def remove_unlinked(path, run, kept):
-    """Remove the `files_of` a run whose names are not among ``kept``.
+    """Remove the `files_of` a run whose names are not in ``kept``.
 
-    Nothing is removed where another result in the folder holds the same run, as a copy of the
-    result does: it may link to them.
+    Nothing is removed if another result in the folder holds the same run, such as a copy of the
+    result: it may link to them.
     """
     path = Path(path)
-    extra = [entry for entry in files_of(path, run) if entry.name not in kept]
+    extra = [entry for entry in files_of(path, run).values() if entry.name not in kept]
     if extra and not any(_run_of(entry) == run for entry in path.parent.glob("*.h5")
                          if entry.name != path.name and not NAME.fullmatch(entry.name)
                          and not checkpoint.NAME.fullmatch(entry.name)):
@@ -88,7 +75,6 @@ def remove_unlinked(path, run, kept):
 
 
 def _run_of(path):
-    """Return the identifier of the run in a file, or None."""
     try:
         with h5py.File(path, "r", locking=False) as file:
             return file.attrs.get("run")
@@ -97,23 +83,12 @@ def _run_of(path):
 
 
 def problem_of(path, run, target):
-    """Return what is wrong with the file ``target`` of a snapshot, a text, or None.
-
-    Parameters
-    ----------
-    path : str or Path
-        The result.
-    run : str
-        The identifier of its run.
-    target : str
-        The name that the result links to.
-    """
-    entry = folder(path) / target
+    """Return what is wrong with the snapshot file ``target`` of a result, a text, or None."""
+    entry = Path(os.path.realpath(path)).parent / target
     if not entry.is_file():
         return f"its file {entry} is missing"
     with h5py.File(entry, "r", locking=False) as file:
-        theirs = file.attrs.get("run"), file.attrs.get("file")
-    if theirs != (run, target):
-        return (f"its file {entry} is another one: it was written as {theirs[1]} by run "
-                f"{theirs[0]}, not by run {run}")
+        found_run, name = file.attrs.get("run"), file.attrs.get("file")
+    if (found_run, name) != (run, target):
+        return f"its file {entry} was written as {name} by run {found_run}, not by run {run}"
     return None

@@ -1,8 +1,8 @@
-"""A result file is a VTKHDF file too: a temporal UnstructuredGrid of biquadratic quadrilaterals.
+"""VTKHDF: a result file is also a temporal UnstructuredGrid of biquadratic quadrilaterals.
 
 ParaView and pyvista then show Q2 fields as Q2. ``/VTKHDF`` holds the elements once. Points and
-point data are virtual datasets: links to the fields of the snapshots, which may lie in files of
-their own, padded with zeros where VTK wants three components or nine, without a second copy.
+point data are virtual datasets over the fields of the snapshots, without a second copy. Vectors are
+padded with zeros to three components, and tensors to nine.
 """
 
 import h5py
@@ -10,40 +10,30 @@ import numpy as np
 
 from ..material.elasticity import COMPONENTS
 from ..space.element import DIM
-from .result import numbers, q2_elements
+from .connectivity import numbers, q2_elements
 from .snapshots import REPEATED, ordered
 
 #: The version of VTK's layout.
 VERSION = 2, 0
 #: VTK's number of a biquadratic quadrilateral.
 BIQUADRATIC_QUAD = 28
-#: Components of VTK's tensors that have those of a plane symmetric one: 11, 22 and 12.
+#: Components of VTK's tensors that have the components 11, 22 and 12 of a plane symmetric one.
 TENSOR = (0,), (4,), (1, 3)
-#: The groups of ``/VTKHDF`` that have the snapshots, and their repeated nodes, by numbers 0, 1, ...
+#: Groups of ``/VTKHDF`` that link to the snapshots and to their repeated nodes, by 0, 1, ...
 NUMBERED = {"snapshots": "Snapshots", REPEATED: "Repeated"}
-#: What VTK calls the rows of its table of steps.
-OFFSETS = "PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets"
 
 
 def link(file, closed=(False, False)):
-    """Let an open result file have all its snapshots as VTKHDF.
+    """Write ``/VTKHDF`` and the repeated nodes of an open result file that has all snapshots.
 
-    On a grid that is periodic without being closed in space, the first nodes are repeated at the
-    end of the period: ``/repeated/NNNN`` holds the fields there, see `repeat`.
-
-    Parameters
-    ----------
-    file : h5py.File
-        Open for writing, with the values of its snapshots.
-    closed : tuple of bool
-        Whether the last nodes along x1 and x2 neighbour the first ones.
+    ``closed`` is explained in `pgran.output.connectivity`.
     """
     groups = {name: file["snapshots"][name] for name in ordered(file["snapshots"])}
     if not groups:
         return
     ends = tuple(map(all, zip(*(open_ends(group, closed) for group in groups.values()))))
-    for name, group in groups.items():
-        if any(ends):
+    if any(ends):
+        for name, group in groups.items():
             repeat(group, file.require_group(f"{REPEATED}/{name}"), ends)
     first, *more = groups.values()
     write(file, [float(group.attrs["time"]) for group in groups.values()],
@@ -53,27 +43,26 @@ def link(file, closed=(False, False)):
 
 
 def write(file, times, shape, fields, closed=(False, False), ends=(False, False)):
-    """Write ``/VTKHDF`` into an open result file without it; no snapshot is opened.
+    """Write ``/VTKHDF`` into an open result file; no snapshot is opened.
 
-    Parameters
-    ----------
-    file : h5py.File
-        Open for writing, with ``/snapshots`` and, if ``ends`` says so, ``/repeated``.
-    times : list of float
-        The times of its snapshots, 1/gdot0.
-    shape : tuple of int
-        (ny, nx) nodes.
-    fields : dict
-        {name: shape of its components}, of the fields that all snapshots have.
-    closed : tuple of bool
-        Whether the last nodes along x1 and x2 neighbour the first ones.
-    ends : tuple of bool
-        Along which of x1 and x2 the first nodes are repeated.
+    The file has ``/snapshots`` with these ``times`` (1/gdot0) on ``shape`` = (ny, nx) nodes, and
+    ``/repeated`` for ``ends``, the directions with repeated nodes. ``fields`` = {name: shape of its
+    components} are the fields that all snapshots have.
     """
-    count, more = len(times), numbers(shape, ends).size - shape[0] * shape[1]
-    nodes = shape[0] * shape[1] + more
+    elements, count = q2_elements(shape, closed, ends), len(times)
+    nodes = numbers(shape, ends).size
+    more = nodes - shape[0] * shape[1]
     root = file.create_group("VTKHDF")
-    _elements(root, q2_elements(shape, closed, ends), nodes)
+    root.attrs["Version"] = np.array(VERSION, dtype="i8")
+    kind = b"UnstructuredGrid"
+    root.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))
+    root["NumberOfPoints"], root["NumberOfCells"] = [nodes], [len(elements)]
+    root["NumberOfConnectivityIds"] = [elements.size]
+    for name, values in {
+            "Connectivity": elements.ravel().astype("i8"),
+            "Offsets": np.arange(len(elements) + 1, dtype="i8") * elements.shape[1],
+            "Types": np.full(len(elements), BIQUADRATIC_QUAD, dtype="u1")}.items():
+        root.create_dataset(name, data=values, shuffle=True, compression="gzip")
     for source in ("snapshots", REPEATED) if more else ("snapshots",):
         numbered = root.create_group(NUMBERED[source])
         for number, name in enumerate(ordered(file["snapshots"])):
@@ -81,11 +70,10 @@ def write(file, times, shape, fields, closed=(False, False), ends=(False, False)
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = count
     steps["Values"] = times
-    none = np.zeros(count, dtype="i8")
-    steps["NumberOfParts"] = none + 1
-    for name in OFFSETS:
-        two = none if name in OFFSETS[:2] else none[:, None]  # one for each kind of cells
-        steps[name] = np.arange(count, dtype="i8") * nodes if name == "PointOffsets" else two
+    zeros = np.zeros(count, dtype="i8")
+    steps["NumberOfParts"] = zeros + 1
+    steps["PartOffsets"], steps["PointOffsets"] = zeros, np.arange(count, dtype="i8") * nodes
+    steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = zeros[:, None]  # one kind of cells
     _virtual(root, "Points", "coordinates", shape, (DIM,), count, more)
     root.create_group("PointData")
     steps.create_group("PointDataOffsets")
@@ -95,30 +83,19 @@ def write(file, times, shape, fields, closed=(False, False), ends=(False, False)
 
 
 def open_ends(group, closed):
-    """Return whether the grid of a snapshot (h5py.Group) is periodic without being closed in space.
-
-    Along x1 and x2, by the attribute ``period`` of its coordinates.
-    """
+    """Return along which of x1 and x2 a snapshot (h5py.Group) is periodic but not closed."""
     period = group["coordinates"].attrs.get("period", np.zeros((DIM, DIM)))
     return tuple(not wrap and bool(np.any(shift)) for wrap, shift in zip(closed, period))
 
 
-def repeat(group, found, ends):
-    """Write the fields of a snapshot at the repeated nodes.
+def repeat(group, target, ends):
+    """Write the fields of a snapshot at the repeated nodes, in the order of `numbers`.
 
-    Parameters
-    ----------
-    group : h5py.Group
-        The snapshot. Fields with an attribute ``period`` change by it.
-    found : h5py.Group
-        Where the fields (n, ...) go, in the order in which `pgran.output.result.numbers` counts
-        the repeated nodes. Fields that it has are left as they are.
-    ends : tuple of bool
-        Along which of x1 and x2 the first nodes are repeated.
+    They go from ``group`` to ``target``, h5py.Group. ``ends`` says along which of x1 and x2 the
+    first nodes are repeated. Fields
+    with an attribute ``period`` change by it.
     """
     for name, data in group.items():
-        if name in found:
-            continue
         along, up = data.attrs.get("period", np.zeros(DIM))
         parts = []
         if ends[0]:
@@ -127,58 +104,38 @@ def repeat(group, found, ends):
             parts.append(data[0] + up)
         if all(ends):
             parts.append(data[:1, 0] + along + up)
-        found[name] = np.concatenate(parts)
-
-
-def _elements(root, elements, nodes):
-    """Write what does not change: the elements, and how many of everything there are."""
-    count, size = elements.shape
-    root.attrs["Version"] = np.array(VERSION, dtype="i8")
-    kind = b"UnstructuredGrid"
-    root.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))
-    root["NumberOfPoints"], root["NumberOfCells"] = [nodes], [count]
-    root["NumberOfConnectivityIds"] = [elements.size]
-    for name, values in (("Connectivity", elements.ravel().astype("i8")),
-                         ("Offsets", np.arange(count + 1, dtype="i8") * size),
-                         ("Types", np.full(count, BIQUADRATIC_QUAD, dtype="u1"))):
-        root.create_dataset(name, data=values, shuffle=True, compression="gzip")
+        target[name] = np.concatenate(parts)
 
 
 def _virtual(root, name, field, shape, components, count, more):
-    """Make a dataset that shows one after the other what the snapshots hold of a ``field``.
+    """Create a dataset that shows a field of all snapshots one after the other.
 
-    The field is (*shape, *components) in one snapshot, and (more, *components) at its repeated
-    nodes. One mapping serves any ``count`` of snapshots: HDF5 puts the number of each into the name
-    of its source. Where a snapshot is missing, the dataset ends.
+    The field is (*shape, *components) in a snapshot, and (more, *components) at its repeated nodes.
+    One mapping serves any ``count`` of snapshots, because HDF5 inserts the number of the snapshot
+    into the name of the source. The dataset ends at a missing snapshot.
     """
-    inner = shape[0] * shape[1]
-    nodes = inner + more
-    wide = {(): (), (DIM,): (3,), (COMPONENTS,): (9,)}.get(components, components)
-    size, most = (count * nodes, *wide), (h5py.h5s.UNLIMITED, *wide)
+    nodes = shape[0] * shape[1] + more
+    width = {(DIM,): (3,), (COMPONENTS,): (9,)}.get(components, components)
+    size, maximum = (count * nodes, *width), (h5py.h5s.UNLIMITED, *width)
     properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     properties.set_layout(h5py.h5d.VIRTUAL)
     properties.set_fill_value(np.zeros(1))
-
-    def map_columns(source, grid, start, columns, values):
-        rows = h5py.h5s.create_simple(size, most)
-        ones = (1,) * len(columns)
-        rows.select_hyperslab((start, *columns), (h5py.h5s.UNLIMITED, *ones), (nodes, *ones),
-                              (int(np.prod(grid)), *(ones if values is None else values)))
-        space = h5py.h5s.create_simple((*grid, *components))
-        if values is None:  # one component of a tensor
-            part = next(part for part, places in enumerate(TENSOR) if columns[0] in places)
-            space.select_hyperslab((*(0 for _ in grid), part), (1,) * (len(grid) + 1),
-                                   block=(*grid, 1))
-        properties.set_virtual(
-            rows, b".", f"/VTKHDF/{NUMBERED[source]}/%b/{field}".encode(), space)
-
-    for source, grid, start in (("snapshots", shape, 0), (REPEATED, (more,), inner)):
-        if source == REPEATED and not more:
-            continue
-        if components == (COMPONENTS,):
-            for place in sorted(sum(TENSOR, ())):
-                map_columns(source, grid, start, (place,), None)
-        else:
-            map_columns(source, grid, start, tuple(0 for _ in components), components)
-    space = h5py.h5s.create_simple(size, most)
+    if components == (COMPONENTS,):  # (component of VTK, number of components, own component)
+        columns = [((column,), (1,), part) for column, part in sorted(
+            (column, part) for part, positions in enumerate(TENSOR) for column in positions)]
+    else:
+        columns = [((0,) * len(components), components, None)]
+    for source, grid, start in (("snapshots", shape, 0), (REPEATED, (more,), nodes - more)):
+        for first, block, part in columns if source != REPEATED or more else ():
+            rows = h5py.h5s.create_simple(size, maximum)
+            ones = (1,) * len(first)
+            rows.select_hyperslab((start, *first), (h5py.h5s.UNLIMITED, *ones), (nodes, *ones),
+                                  (int(np.prod(grid)), *block))
+            space = h5py.h5s.create_simple((*grid, *components))
+            if part is not None:
+                space.select_hyperslab((*(0 for _ in grid), part), (1,) * (len(grid) + 1),
+                                       block=(*grid, 1))
+            properties.set_virtual(
+                rows, b".", f"/VTKHDF/{NUMBERED[source]}/%b/{field}".encode(), space)
+    space = h5py.h5s.create_simple(size, maximum)
     h5py.h5d.create(root.id, name.encode(), h5py.h5t.IEEE_F64LE, space, properties)

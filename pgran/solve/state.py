@@ -19,7 +19,7 @@ from ..options import ParameterError
 from ..output import checkpoint
 from ..output.files import Disk
 from ..output.reader import opened
-from ..output.writer import read_mode, read_snapshot
+from ..output.start import read_mode, read_snapshot
 from ..space.advection import Advection
 from ..space.element import DIM, SHAPE
 

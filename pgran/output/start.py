@@ -1,0 +1,131 @@
+"""Start files of a run: snapshots, modes and earlier results. Collective."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..options import ParameterError
+from .files import collectively, local_part
+from .reader import FIELDS, ResultError, opened, stored_parameters
+from .snapshots import ordered
+
+#: Prefix of the fields of the base flow of a mode.
+BASE = "base_"
+#: Root attributes that describe the end of a run.
+ENDING = {"complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
+          "linear_iterations", "seconds", "memory", "ranks"}
+
+
+class Source:
+    """The first ``steps`` and ``snapshots`` of a result that a run continues.
+
+    ``run`` is the identifier of the run.
+    """
+
+    def __init__(self, path, run, steps, snapshots):
+        self.path, self.run, self.steps, self.snapshots = Path(path), run, steps, snapshots
+
+    def read(self, file, columns):
+        """Read an open result up to the checkpoint, and add its history to ``columns``.
+
+        Returns (name, time) of each snapshot; {name: shape of its components} of the fields in all
+        snapshots, or None; and the root attributes except `ENDING`. Raises OSError if steps or
+        snapshots are missing.
+        """
+        history, groups = file["history"], file["snapshots"]
+        if len(groups) < self.snapshots or any(
+                name not in history or len(history[name]) < self.steps for name in columns):
+            raise OSError(f"{self.path} does not hold the {self.steps} steps and {self.snapshots} "
+                          "snapshots before the checkpoint")
+        for name, column in columns.items():
+            column.extend(history[name][:self.steps].tolist())
+        attributes = {name: value for name, value in file.attrs.items()
+                      if name.removesuffix("_unit") not in ENDING}
+        snapshots, fields = [], None
+        for name in ordered(groups)[:self.snapshots]:
+            snapshots.append((name, float(groups[name].attrs["time"])))
+            fields = common_fields(fields, {
+                key: data.shape[2:] for key, data in groups[name].items()})
+        return snapshots, fields, attributes
+
+
+def common_fields(known, components):
+    """Return the fields that have the same shape in ``known`` and in a snapshot.
+
+    Both are {name: shape of its components}; None accepts all fields of the snapshot. The
+    coordinates are left out.
+    """
+    known = components if known is None else known
+    return {name: size for name, size in components.items()
+            if name != "coordinates" and known.get(name) == size}
+
+
+def read_snapshot(parameters, form):
+    """Return attributes and fields {name: (..., n)} of the snapshot named by a restart. Collective.
+
+    The fields are at the local nodes of the grid of the form. Raises `ParameterError` if the file,
+    the snapshot, its grid or its physics does not fit.
+    """
+    return _read_fields(parameters, "restart", parameters.restart_snapshot, form,
+                        ("coordinates", "velocity", "pressure", "fluidity", "deviator"))
+
+
+def read_mode(parameters, form):
+    """Return the mode of a mode file and its base flow, {name: (..., n)}. Collective.
+
+    The fields are at local nodes. The maximum velocity of the mode is 1. The base flow is empty if
+    it is the reference flow. Raises `ParameterError` like `read_snapshot`.
+    """
+    names = ("velocity", "pressure") + (("fluidity",) if form.grid.has_fluidity else ())
+    base = tuple(BASE + name for name in (*names, "deviator"))
+    _, fields = _read_fields(parameters, "mode_file", 0, form, names, base)
+    return fields, {name[len(BASE):]: fields.pop(name) for name in base if name in fields}
+
+
+def _read_fields(parameters, start, number, form, names, optional=()):
+    """Read fields of a snapshot of the file that the option ``start`` names."""
+    path, lattice = getattr(parameters, start), form.grid.nodes
+
+    def refuse(reason):
+        raise ParameterError(start, path, reason)
+
+    def read(file):
+        if start == "mode_file" and "growth_rate" not in file.attrs:
+            refuse("it holds no mode; mode files are written by pgran.eigen")
+        found = ordered(file["snapshots"])
+        if not -len(found) <= number < len(found):
+            refuse(f"it holds {len(found)} snapshots; there is no snapshot {number}")
+        group = file["snapshots"][found[number]]
+        wanted = (*names, *(name for name in optional if name in group))
+        for name in wanted:
+            size = FIELDS.get(name.removeprefix(BASE), ())
+            data = group.get(name)
+            if not isinstance(data, h5py.Dataset) or data.shape[2:] != size:
+                refuse(f"snapshot {found[number]} has no field {name} of {len(size) + 2} "
+                       "dimensions")
+            if data.shape[:2] != lattice.shape[::-1]:
+                refuse(f"its {data.shape[1]} x {data.shape[0]} nodes are not the "
+                       f"{lattice.shape[0]} x {lattice.shape[1]} of this grid")
+        stored = stored_parameters(file)
+        if start == "mode_file" and stored.restart and not set(optional) <= set(wanted):
+            refuse("its mode belongs to a deformed mesh; a run can start from modes of reference "
+                   "flows and of fixed meshes")
+        for option in parameters.options:
+            mine, other = (getattr(of, option.name, None) for of in (parameters, stored))
+            if start in option.shared and mine != other:
+                raise ParameterError(option.name, mine, f"{path} was made with {other}")
+        fields = {name: local_part(group[name], lattice.i, lattice.j) for name in wanted}
+        for name, values in fields.items():
+            if not np.isfinite(values).all():
+                refuse(f"its field {name} contains NaN or infinite values")
+        return dict(group.attrs), fields
+
+    def action():
+        try:
+            with opened(path) as file:
+                return read(file)
+        except ResultError as problem:
+            refuse(problem.reason)
+
+    return collectively(form.grid.comm.tompi4py(), action)

@@ -1,0 +1,103 @@
+"""XDMF: a time series of the snapshots of a result, NAME.xdmf, for ParaView and pyvista.
+
+Vectors get a third component of zero. Tensors have their components 11, 22 and 12.
+"""
+
+import os
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement, tostring
+from xml.sax.saxutils import escape
+
+from ..space.element import DIM
+from .connectivity import cells
+from .files import write_text
+from .snapshots import GROUP
+
+#: Begin and end of the file.
+BEGIN = '''<?xml version="1.0"?>
+<Xdmf Version="2.0">
+<Domain>
+<Grid Name="pgran" GridType="Collection" CollectionType="Temporal">
+'''
+END = "</Grid>\n</Domain>\n</Xdmf>\n"
+
+
+def write(path, shape, snapshots, fields, closed=(False, False)):
+    """Write NAME.xdmf of the result ``path`` atomically.
+
+    ``shape`` = (ny, nx) nodes. ``snapshots`` are tuples of the name of the group, the time, and the
+    name of the snapshot file. ``fields`` = {name: shape of its components} without the coordinates.
+    """
+    path = Path(path)
+    grids = "".join(_grid(path, shape, *snapshot, fields, closed) for snapshot in snapshots)
+    write_text(path.with_suffix(".xdmf"), BEGIN + grids + END)
+
+
+def add(path, shape, snapshots, fields, closed=(False, False)):
+    """Add the last snapshot to NAME.xdmf, at a cost independent of the number of snapshots.
+
+    For the parameters see `write`. A file that lacks earlier snapshots is written again.
+    """
+    path = Path(path)
+    text = (_grid(path, shape, *snapshots[-1], fields, closed) + END).encode()
+    try:
+        with open(path.with_suffix(".xdmf"), "r+b", buffering=0) as file:
+            end = file.seek(-len(END), os.SEEK_END)
+            if len(snapshots) > 1 and file.read() == END.encode():
+                file.seek(end)
+                if file.write(text) == len(text):
+                    return
+    except FileNotFoundError:
+        pass
+    write(path, shape, snapshots, fields, closed)
+
+
+def rename(path, new):
+    """Rename the XDMF file of a result that was renamed from ``path`` to ``new``, Path."""
+    xdmf = path.with_suffix(".xdmf")
+    if xdmf.exists():
+        new.with_suffix(".xdmf").write_text(
+            xdmf.read_text().replace(f">{escape(path.name)}:/", f">{escape(new.name)}:/"))
+
+
+def _grid(path, shape, name, time, target, fields, closed):
+    """Return the XML of one snapshot."""
+    count, nodes = len(cells(shape, closed)), shape[0] * shape[1]
+    grid = Element("Grid", Name=name, GridType="Uniform")
+    SubElement(grid, "Time", Value=f"{time:.16g}")
+    topology = SubElement(grid, "Topology", TopologyType="Quadrilateral",
+                          NumberOfElements=str(count))
+    _array(topology, f"{path.name}:/cells", (count, 4), "Int")
+    geometry = SubElement(grid, "Geometry", GeometryType="XY")
+    _array(geometry, f"{target}:/{GROUP}/coordinates", (nodes, DIM))
+    for field, components in fields.items():
+        attribute = SubElement(grid, "Attribute", Name=field, Center="Node",
+                               AttributeType="Vector" if components else "Scalar")
+        dataset = f"{target}:/{GROUP}/{field}"
+        if tuple(components) == (DIM,):
+            _padded(attribute, dataset, shape)
+        else:
+            _array(attribute, dataset, (nodes, *components))
+    return tostring(grid, encoding="unicode") + "\n"
+
+
+def _item(parent, shape, text=None, **attributes):
+    item = SubElement(parent, "DataItem", Dimensions=" ".join(map(str, shape)), **attributes)
+    item.text = text
+    return item
+
+
+def _array(parent, dataset, shape, kind="Float"):
+    """Add a dataset, FILE:/PATH. VTK does not follow external links from another file."""
+    _item(parent, shape, dataset, NumberType=kind, Precision="8", Format="HDF")
+
+
+def _padded(parent, dataset, shape):
+    """Add a field of two components with a third component of zero."""
+    nodes = shape[0] * shape[1]
+    join = _item(parent, (nodes, 3), ItemType="Function", Function="JOIN($0, $1, 0*$0)")
+    for component in range(DIM):
+        slab = _item(join, (nodes, 1), ItemType="HyperSlab")
+        _item(slab, (3, 3), f"0 0 {component} 1 1 1 {shape[0]} {shape[1]} 1", NumberType="Int",
+              Format="XML")
+        _array(slab, dataset, (*shape, DIM))
