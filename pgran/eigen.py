@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from . import cases
-from .cli import JSON, REPORTED_ERRORS, as_json, command_option, report_unread, start
+from .cli import JSON, REPORTED_ERRORS, as_json, command_option, report_unused, start
 from .options import OptionError
 
 OPTIONS = (
@@ -91,7 +91,7 @@ def run(parameters, asked, comm):
                 asked.wave_vector)
         form, rows, modes = (linearised.spectrum(parameters, comm, asked.dt) if moves else
                              spectrum.spectrum(parameters, comm, k, asked.target))
-        report_unread(comm)
+        report_unused(comm)
     except ValueError as problem:
         if isinstance(problem, REPORTED_ERRORS):
             raise

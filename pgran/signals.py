@@ -1,13 +1,13 @@
-"""Signals that ask a run to stop; the standard library only, so that they are noted at once."""
+"""Signals that stop a run. The module imports little, so that it notes them early."""
 
 import signal
 
-#: Batch systems send them before they kill.
+#: Batch systems send them before they end a job.
 SIGNALS = signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2
 
 
 class Signals:
-    """Notes the signals that ask a run to stop. Calling it gives the name of one, or None."""
+    """Handles `SIGNALS` and notes the last one."""
 
     def __init__(self):
         self._name = None
@@ -18,5 +18,5 @@ class Signals:
         self._name = signal.Signals(number).name
 
     def __call__(self):
-        """Return the name of the signal that came, or None."""
+        """Return the name of the received signal, or None."""
         return self._name

@@ -67,7 +67,7 @@ def table(path):
 def written_result(path, *options, complete=True):
     """Write the root attributes of a run with options."""
     with h5py.File(path, "w") as file:
-        file.attrs.update(options=run_on_ranks.asked(FILE, *options).text(), complete=complete)
+        file.attrs.update(options=run_on_ranks.requested_parameters(FILE, *options).text(), complete=complete)
 
 
 # Which results are done
@@ -134,7 +134,7 @@ def test_a_changed_list_of_cases_repeats_the_runs_it_changes(tmp_path, monkeypat
     def pretend(ranks, *arguments, **more):
         path, options = arguments[-1], arguments[4:-2]
         made.append(result_file("", Path(path).stem).stem)
-        parameters = run_on_ranks.asked(FILE, *options)
+        parameters = run_on_ranks.requested_parameters(FILE, *options)
         output[Path(path).stem] = parameters.shear_modulus
         with h5py.File(path, "w") as file:
             file.create_group("snapshots")
@@ -151,20 +151,20 @@ def test_a_changed_list_of_cases_repeats_the_runs_it_changes(tmp_path, monkeypat
     sensitivity.CASES["soft"] = "-pgran_shear_modulus", 200
     sensitivity.main(tmp_path)
     assert made[2:] == ["soft"] and output["soft"] == 200.0
-    assert "base.h5 is in place" in capsys.readouterr().err
+    assert "base.h5 is complete" in capsys.readouterr().err
 
 
 def test_options_files_are_read_as_petsc_reads_them(tmp_path):
     path = tmp_path / "a.opts"
     path.write_text("# don't read -pgran_width 5\n-pgran_width 20  # d\n-pgran_inertia\n"
                     "-snes_atol 1e-4\n-pgran_body_force -1e-3,-.5\n")
-    found = run_on_ranks.asked(path, "-pgran_height", 40, "-pgran_width", 10, "-pgran_width", 8)
+    found = run_on_ranks.requested_parameters(path, "-pgran_height", 40, "-pgran_width", 10, "-pgran_width", 8)
     assert (found.width, found.height, found.inertia) == (8.0, 40.0, True)
     assert found.body_force == (-1e-3, -0.5)
     with pytest.raises(OptionError, match="there is no such file"):
-        run_on_ranks.asked(tmp_path / "b.opts")
+        run_on_ranks.requested_parameters(tmp_path / "b.opts")
     with pytest.raises(ParameterError, match="whole multiple"):
-        run_on_ranks.asked(path, "-pgran_element_size", 3)
+        run_on_ranks.requested_parameters(path, "-pgran_element_size", 3)
 
 
 def test_a_failed_run_is_told(tmp_path, monkeypatch):
@@ -490,7 +490,7 @@ def test_benches_make_their_tables(tmp_path, monkeypatch, capsys):
 def test_the_runs_of_a_figure_are_those_that_it_draws(monkeypatch):
     made = {}
     monkeypatch.setattr(section4.run_on_ranks, "run", lambda path, file, *options: made.update(
-        {path.stem: run_on_ranks.asked(file, *options)}))
+        {path.stem: run_on_ranks.requested_parameters(file, *options)}))
     for figure, panels in figures.RUNS.items():
         made.clear()
         section4.runs(figure, figures.MESHES, ("-pgran_compression", 0.5))
@@ -531,7 +531,7 @@ def test_a_job_starts_its_study():
 def test_a_table_of_runs_that_all_failed_is_an_error(tmp_path):
     table = Table(tmp_path / "t.csv", {"case": "", "angle": ".1f"})
     table.note("one", "did not come to its end")
-    with pytest.raises(SolutionError, match="no run came to its end"):
+    with pytest.raises(SolutionError, match="all runs failed"):
         table.close()
     table.row("two", 51.0)
     table.close()

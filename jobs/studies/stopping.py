@@ -95,7 +95,7 @@ def followed(directory, slope, height, start, *options):
 def main(directory="results/stopping", *, options=()):
     """Make the runs and the tables."""
     directory = Path(directory)
-    case = cases.create(run_on_ranks.asked(FILE, *layer(SLOPES[0], 10.0)))
+    case = cases.create(run_on_ranks.requested_parameters(FILE, *layer(SLOPES[0], 10.0)))
     amplitude, known = case.parameters.A, {}
     table = Table(directory / "stopping.csv", {
         "slope": "g", "closed form (d)": ".5f", "end of flow (d)": ".5f", "apart": ".1e",
