@@ -184,7 +184,7 @@ def check_names(texts, options, run_options):
             continue
         if (value or "").lower() == "nan":
             raise OptionError(f"-{name} {value}: must be a number")
-        near = difflib.get_close_matches(name, names | run_names, n=1, cutoff=0.85)
+        near = difflib.get_close_matches(name.replace("-", "_"), names | run_names, cutoff=0.85)
         if near or PREFIX + name in run_names:
             raise OptionError(f"unknown option -{name}; did you mean "
                               f"-{near[0] if near else PREFIX + name}?")

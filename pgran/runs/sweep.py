@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from ..options import PREFIX, OptionError, SolutionError, combined_options, read_file, shipped
-from ..options.files import suits
+from ..options.files import SOLVER, suits
 from ..output.result import ANY, Result, options_of
 from . import run_in_process, run_on_ranks
 from .table import cell, line, result_file
@@ -67,9 +67,10 @@ def _checked(options_file=None, petsc=None, ranks=None, output=None, **options):
         options_file = shipped(str(options.get("case", "biaxial")))
         found = read_file(options_file) if options_file else {}
         if "pc_type" in found and not suits(found, {**found, **combined_options(None, *words)}):
-            options_file, words = None, [
-                *(word for name, text in found.items() if name.startswith((PREFIX, "ts_type"))
-                  for word in (f"-{name}", text)), *words]
+            flow = {f"-{name}": text for name, text in found.items()
+                    if name.startswith((PREFIX, "ts_type"))
+                    and name not in (*SOLVER, f"{PREFIX}output")}
+            options_file, words = None, options_of(flow) + words
     run_on_ranks.requested_parameters(options_file, *words)
     return options_file, *words
 
