@@ -4,6 +4,7 @@
 package requires neither PETSc nor MPI.
 """
 
+from .definition import Option, command_option, help_text, markdown_table, plain, positive
 from .errors import (
     PREFIX,
     Interrupted,
@@ -21,8 +22,7 @@ from .files import (
     shipped,
 )
 from .loading import Component
-from .option import Option, command_option, help_text, markdown_table, plain, positive
-from .run import BOTH, RENAMED, RUN, Parameters, markdown, read, table, written
+from .parameters import BOTH, RENAMED, RUN, Parameters, markdown, read, table, written
 
 __all__ = [
     "BOTH", "PREFIX", "RENAMED", "RUN", "Component", "Interrupted", "Option", "OptionError",

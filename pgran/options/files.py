@@ -8,7 +8,7 @@ import sysconfig
 from pathlib import Path
 
 from .errors import PREFIX, OptionError
-from .run import RUN
+from .parameters import RUN
 
 #: Environment variables from which PETSc reads options.
 SOURCES = "PETSC_OPTIONS", "PETSC_OPTIONS_YAML"

@@ -10,8 +10,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from .definition import Option
 from .errors import ParameterError
-from .option import Option
 
 
 def modules_of(path):

@@ -7,9 +7,9 @@ Lengths are in grain diameters d, stresses in the reference stress of the case, 
 from pathlib import Path
 from types import SimpleNamespace
 
+from .definition import Option, markdown_table, plain, positive
 from .errors import PREFIX, OptionError, ParameterError, hint
 from .loading import allowed_names
-from .option import Option, markdown_table, plain, positive
 
 #: Values that a restart and a mode file must have in common with the run that uses them.
 BOTH = "restart", "mode_file"
