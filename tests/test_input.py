@@ -49,9 +49,9 @@ def result(path, coordinates=(5, 5, 2), I=(5, 5), dtype="f8", text="-pgran_width
 
 #: Files of invalid input.
 TEXTS = {"text.h5": "no HDF5\n", "empty.h5": "", "none.opts": "-options_file missing.opts\n",
-         "self.opts": "-options_file self.opts\n", "two.opts": "-pgran_width 40 -pgran_height 80\n",
+         "self.opts": "-options_file self.opts\n", "two.opts": "-pgran_width 40\n",
          "bare.opts": "pgran_width 40\n", "dashes.opts": "--pgran_width 40\n",
-         "quote.opts": '-pgran_width "40\n', "long.opts": "-pgran_width 40 " * 200000,
+         "quote.opts": '-pgran_width "40\n',
          "home/.petscrc": "-pgran_width 40\nneither this nor that\n",
          "misspelt.opts": "-pgran_widht 40\n",
          "law.py": "raise RuntimeError('this law is not ready')\n",
@@ -134,8 +134,6 @@ RUNS = {
     "-options_flie two.opts": "did you mean -options_file?", "-doctr": "did you mean -doctor?",
     "-verson": "did you mean -version?",
     # options files
-    "-options_file_yaml two.opts": "options in YAML are not supported; -options_file",
-    "-options_file long.opts": "long.opts, line 1: has 3200000 characters",
     "-options_file nosuch.opts": "nosuch.opts: there is no such file",
     "-options_file": "the file name is missing",
     "-options_file folder.h5": "cannot be read as text",
@@ -143,9 +141,8 @@ RUNS = {
     "-options_file self.opts": "the file includes itself",
     "-options_file binary.opts": "cannot be read as text",
     "-options_file keep.h5": "cannot be read as text",
-    "-options_file two.opts": "two.opts, line 1: ",
-    "-options_file bare.opts": "pgran_width is not an option",
-    "-options_file dashes.opts": "--pgran_width is not an option",
+    "-options_file bare.opts": "bare.opts, line 1",
+    "-options_file dashes.opts": "options begin with one dash",
     "-options_file quote.opts": "quote.opts, line 1: no closing quotation",
     "-options_file misspelt.opts": "did you mean -pgran_width",
     # combinations
@@ -253,10 +250,8 @@ def test_a_command_with_invalid_input_is_refused(refused, line):
     ("PETSC_OPTIONS", "-pgran_width 40 80", "80: neither an option nor a value"),
     ("PETSC_OPTIONS", "-options_file nosuch", "-options_file nosuch: there is no such file"),
     ("PETSC_OPTIONS", "-pgran_width '40", "PETSC_OPTIONS: no closing quotation"),
-    ("PETSC_OPTIONS", "-options_file_yaml two.opts", "options in YAML are not supported"),
     ("PETSC_OPTIONS", "-pgran_widht 40", "did you mean -pgran_width"),
-    ("PETSC_OPTIONS_YAML", "a: b", "PETSC_OPTIONS_YAML: options in YAML are not supported"),
-    ("HOME", "home", ".petscrc, line 2: neither is not an option")])
+    ("HOME", "home", ".petscrc, line 2")])
 @pytest.mark.parametrize("command", ["__main__", "growth"])
 def test_all_sources_of_petsc_options_are_checked(refused, command, name, value, message):
     refused(command, ["-pgran_output", "keep.h5", *COARSE], message, **{name: value})

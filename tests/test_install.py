@@ -47,8 +47,8 @@ def test_the_doctor_reports_problems_and_remedies(monkeypatch, capsys):
     monkeypatch.setattr(doctor.shutil, "which", lambda name: None)
     assert doctor.main() == 1
     text = capsys.readouterr().out
-    for remedy in ("install PETSc with real numbers", "petsc4py has another version",
+    for remedy in ("install PETSc with real numbers", "have different versions",
                    "-> install h5py", "-> install scipy", "rebuild mpi4py and h5py",
-                   "install the MPI with which mpi4py", "export PMIX_MCA_psec=native"):
+                   "install the MPI of mpi4py", "export PMIX_MCA_psec=native"):
         assert remedy in text
     assert text.count("BAD") == 6

@@ -25,8 +25,7 @@ from .report import (
 )
 from .streams import Stream, guard_streams
 
-#: The name of `run_without_petsc` in release 0.2.
-answer = run_without_petsc
+answer = run_without_petsc  # the name in release 0.2
 
 __all__ = [
     "HELP", "JSON", "REPORTED_ERRORS", "STOPPED", "Stream", "VERSION", "all_ranks_arrive", "answer",

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import __version__, cases
 from ..options import PREFIX, OptionError, command_option, help_text, hint
-from ..options.files import check_command_line, is_option, parsed
+from ..options.files import is_option, parsed
 from .report import REPORTED_ERRORS
 from .streams import guard_streams
 
@@ -28,7 +28,7 @@ SUMMARY = f"""Options of a run:
   -pgran_output NAME.h5       result file
   -pgran_restart NAME.h5      resume a run from its last checkpoint
 
--help {ALL} lists every option, and -help -pgran_case NAME those of one case, law or model too.
+-help {ALL} lists every option; with -pgran_case NAME it includes the options of that case.
 docs/options.md describes them. -doctor checks the installation, and -version prints the version.
 Options of PETSc (-ts_, -snes_, -ksp_, -pc_, -log_view, ...) are accepted too."""
 
@@ -71,17 +71,14 @@ def run_without_petsc(arguments, name, action, description, options, operands=""
     ----------
     arguments : list of str
         The command line without the name of the program.
-    name : str
-        The command, for messages.
+    name, description : str
+        The command, for messages and for ``-help``.
     action : callable
-        ``action(args, operands)``, or ``action(parameters, args)`` with ``runs``. Errors of
-        `REPORTED_ERRORS`, ValueError, OSError and ArithmeticError become one message.
-    description : str
-        The first part of ``-help``.
+        ``action(args, operands)``, or ``action(parameters, args)`` with ``runs``.
     options : tuple of pgran.options.Option
         Options of the command.
     operands : str
-        Description of the arguments without a dash; empty if there are none.
+        Description of the arguments without a dash, if the command has any.
     runs : bool
         Whether the command accepts the options of a run.
     """
@@ -143,7 +140,5 @@ def _parse(arguments, options, operands, runs):
         if not (runs and word.startswith(f"-{PREFIX}")):
             names = [option.name for option in options]
             raise OptionError(f"unknown option {word}; {hint(word.lstrip('-'), names, '')}")
-    if not operands:
-        check_command_line(rest)
     texts = {name: text for name, text in vars(found).items() if text is not None}
-    return {**texts, **(parsed(rest) if runs else {})}, rest if operands else []
+    return (texts, rest) if operands else ({**texts, **parsed(rest)}, [])

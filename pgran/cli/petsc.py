@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 
 from .. import __version__, cases
 from ..options import PREFIX, OptionError, default_solver
-from ..options.files import SOURCES, check_sources
+from ..options.files import all_sources
 from ..signals import SIGNALS
 from ..versions import FIRST
 from .commands import ALL, HELP, VERSION, help_wanted, run_help, values_of
@@ -26,9 +26,7 @@ def start(arguments, action, description="", options=(), slepc=False,
           complete=lambda texts: texts):
     """Start PETSc, call ``action(parameters, args, comm)`` and return the exit code. Collective.
 
-    Without arguments it prints the help text. If PETSc has already been initialised in this
-    process, its options are replaced meanwhile. An error that all ranks raise is reported once by
-    rank 0; an error on some ranks ends all of them.
+    An error that all ranks raise is reported once; an error on some ranks ends all of them.
 
     Parameters
     ----------
@@ -58,13 +56,13 @@ def start(arguments, action, description="", options=(), slepc=False,
              if word not in (*HELP, *VERSION) and not (word == ALL and previous in HELP)]
     found, invalid = {}, None
     try:
-        found = check_sources(words)
+        found = all_sources(words)
         if running:
             refuse_at_start(found)
-    except OptionError as error:  # reported below, when all ranks can end together
-        invalid = error
-    for name in SOURCES:
-        os.environ.pop(name, None)  # `found` has their options
+    except ValueError as error:  # reported below, when all ranks can end together
+        quotes = not isinstance(error, OptionError)
+        invalid = OptionError(f"PETSC_OPTIONS: {str(error).lower()}") if quotes else error
+    os.environ.pop("PETSC_OPTIONS", None)  # `found` contains them
     handlers = {number: signal.getsignal(number) for number in SIGNALS}
     package = importlib.import_module("slepc4py" if slepc else "petsc4py")
     package.init(["pgran", *FIRST, "-skip_petscrc", *(
@@ -170,12 +168,7 @@ def _options_for_help(texts):
 def check_names(texts, options, run_options):
     """Raise `OptionError` for a misspelt option of pgran, and for a value nan.
 
-    Parameters
-    ----------
-    texts : dict
-        {name: text} of all options.
-    options, run_options : tuple of pgran.options.Option
-        Options of the command and of the run.
+    ``texts`` = {name: text} are all options; the others are `Option`s of the command and the run.
     """
     names = {option.name for option in options} | {"options_file", "help", "version", "doctor"}
     run_names = {f"{PREFIX}{option.name}" for option in run_options}
@@ -201,19 +194,9 @@ def steady():
 
 
 def choose_solver(texts):
-    """Give PETSc its options from `pgran.options.default_solver`.
+    """Pass the `pgran.options.default_solver` of a run with options {name: text} to PETSc.
 
-    Parameters
-    ----------
-    texts : dict
-        {name: text} of the given options of the run.
-
-    Returns
-    -------
-    path : Path or None
-        The options file of the solver; None if the options choose one.
-    texts : dict
-        {name: text} of the options of the run, including those that belong to the solver.
+    Returns the options file of the solver, or None, and the completed options of the run.
     """
     from petsc4py import PETSc
 
