@@ -153,8 +153,8 @@ class Run:
                                   ) from None
             if not driver.started and driver.state.time > (1.0 + 1e-9) * self.case.targets[-1]:
                 raise ParameterError(
-                    "restart", self.parameters.restart, f"the checkpoint, at {now()}, is later "
-                    f"than the end of the run, {self.case.label(self.case.targets[-1])}")
+                    "restart", self.parameters.restart, f"its checkpoint, at {now()}, is later "
+                    f"than the requested end of the run, {self.case.label(self.case.targets[-1])}")
             self.finish()
         finally:
             self.writer.close()
@@ -235,9 +235,9 @@ class Run:
     def how_to_resume(self):
         """Return the last part of the message of a stopped run."""
         if not self.steady:
-            return f"resume with the same command and @restart {self.writer.path}"
+            return f"resume with: <same command> @restart {self.writer.path}"
         if self.driver.started:
-            return f"continue with the same command and @restart {self.writer.path}"
+            return f"continue with: <same command> @restart {self.writer.path}"
         return "there is nothing to resume from: start it again"
 
     def next_command(self):

@@ -19,6 +19,7 @@ from .report import (
     STOPPED,
     all_ranks_arrive,
     end_unless_shared,
+    exit_code,
     petsc_message,
     report_error,
     report_unused,
@@ -30,6 +31,6 @@ answer = run_without_petsc  # the name in release 0.2
 __all__ = [
     "HELP", "JSON", "REPORTED_ERRORS", "STOPPED", "Stream", "VERSION", "all_ranks_arrive", "answer",
     "as_json", "check_names", "choose_solver", "combined_options", "command_option", "database",
-    "decimal_points", "end_unless_shared", "given_texts", "guard_streams", "parsed",
+    "decimal_points", "end_unless_shared", "exit_code", "given_texts", "guard_streams", "parsed",
     "petsc_message", "petsc_runs", "refuse_at_start", "report_error", "report_unused",
     "run_without_petsc", "solver_options", "start", "steady"]

@@ -11,7 +11,7 @@ import numpy as np
 from .. import __version__, cases
 from ..options import PREFIX, OptionError, command_option, help_text, hint
 from ..options.files import is_option, parsed
-from .report import REPORTED_ERRORS
+from .report import exit_code
 from .streams import guard_streams
 
 HELP = ("-help", "--help", "-h")
@@ -87,12 +87,13 @@ def run_without_petsc(arguments, name, action, description, options, operands=""
         print(f"pgran {__version__}")
         return 0
     wanted, all_options = help_wanted(arguments)
-    try:
-        if wanted or not arguments:
-            more = (f"\n\n{help_text(cases.read({}).options)}" if all_options else
-                    f"\n\n-help {ALL} lists the options of a run too.") if runs else ""
-            print(f"{description}\nOptions:\n\n{help_text(options)}{more}")
-            return int(not wanted)
+    if wanted or not arguments:
+        more = (f"\n\n{help_text(cases.read({}).options)}" if all_options else
+                f"\n\n-help {ALL} lists the options of a run too.") if runs else ""
+        print(f"{description}\nOptions:\n\n{help_text(options)}{more}")
+        return int(not wanted)
+
+    def work():
         texts, found = _parse(arguments, options, bool(operands), runs)
         args = values_of(options, texts)
         if operands and not found:
@@ -100,17 +101,8 @@ def run_without_petsc(arguments, name, action, description, options, operands=""
         with np.errstate(over="raise", divide="raise"):
             action(*((cases.read(texts), args) if runs else (args, found)))
         sys.stdout.flush()
-        return int(sys.stdout.failed)
-    except REPORTED_ERRORS as error:
-        message = error.as_option()
-    except (ValueError, OSError, KeyError) as error:
-        message = str(error)
-    except ArithmeticError as error:
-        message = f"floating-point error ({error.args[-1]}); check the values of the options"
-    except ImportError as error:
-        message = f"{error}; pictures and grids need pip install 'pgran[plot]'"
-    print(f"pgran.{name}: error: {message}", file=sys.stderr)
-    return 1
+
+    return exit_code(f"pgran.{name}", work) or int(sys.stdout.failed)
 
 
 class _Parser(argparse.ArgumentParser):

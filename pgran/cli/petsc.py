@@ -11,7 +11,7 @@ from contextlib import contextmanager, nullcontext
 from .. import __version__, cases
 from ..options import PREFIX, OptionError, default_solver
 from ..options.files import all_sources
-from ..signals import SIGNALS
+from ..signals import preserved
 from ..versions import FIRST
 from .commands import ALL, HELP, VERSION, help_wanted, run_help, values_of
 from .report import REPORTED_ERRORS, report_error
@@ -63,15 +63,13 @@ def start(arguments, action, description="", options=(), slepc=False,
         quotes = not isinstance(error, OptionError)
         invalid = OptionError(f"PETSC_OPTIONS: {str(error).lower()}") if quotes else error
     os.environ.pop("PETSC_OPTIONS", None)  # `found` contains them
-    handlers = {number: signal.getsignal(number) for number in SIGNALS}
-    package = importlib.import_module("slepc4py" if slepc else "petsc4py")
-    package.init(["pgran", *FIRST, "-skip_petscrc", *(
-        word for name, text in found.items() for word in (f"-{name}", text) if word)])
+    words = (word for name, text in found.items() for word in (f"-{name}", text) if word)
+    with preserved():
+        package = importlib.import_module("slepc4py" if slepc else "petsc4py")
+        package.init(["pgran", *FIRST, "-skip_petscrc", *words])
     from petsc4py import PETSc
 
-    handlers[signal.SIGPIPE] = signal.SIG_IGN  # `Stream` handles the error
-    for number, handler in handlers.items():
-        signal.signal(number, handler)  # PETSc has replaced them
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # `Stream` handles the error
     comm = PETSc.COMM_WORLD
     control_comm = comm.tompi4py().Dup()  # without messages of the action
     with decimal_points(), database(found) if running else nullcontext():

@@ -2,6 +2,7 @@
 
 import difflib
 import re
+import subprocess
 import sys
 import time
 import traceback
@@ -19,6 +20,29 @@ TOGETHER = 3.0
 #: Options that PETSc reads only at the end, so that they seem to be unused before.
 AT_END = ("citations", "log_view", "malloc_dump", "objects_dump", "options_left", "options_view",
           "skip_petscrc", "ts_converged_reason", "ts_view")
+
+
+def exit_code(command, action, *arguments):
+    """Call ``action(*arguments)``, report errors of the user in one message; return the exit code.
+
+    ``command`` is the name of the command in messages.
+    """
+    try:
+        action(*arguments)
+        return 0
+    except Interrupted as error:
+        print(f"{command}: {error}", file=sys.stderr)
+        return STOPPED
+    except REPORTED_ERRORS as error:
+        message = error.as_option()
+    except (ValueError, OSError, KeyError, subprocess.SubprocessError) as error:
+        message = str(error)
+    except (OverflowError, FloatingPointError) as error:
+        message = f"floating-point error ({error.args[-1]}); check the values of the options"
+    except ImportError as error:
+        message = f"{error}; pictures and grids need pip install 'pgran[plot]'"
+    print(f"{command}: error: {message}", file=sys.stderr)
+    return 1
 
 
 def report_error(error, comm, control_comm):

@@ -1,9 +1,7 @@
 """A run in the calling process, on all its ranks: `pgran.run` without ``ranks``."""
 
 import gc
-import signal
 import threading
-from contextlib import contextmanager
 
 import petsc4py
 
@@ -20,7 +18,7 @@ from ..cli import (
 )
 from ..options import Interrupted, OptionError, SolutionError
 from ..output.result import Result
-from ..signals import SIGNALS, Signals
+from ..signals import Signals, preserved
 from ..versions import FIRST, callback_error
 from . import run_on_ranks
 
@@ -28,36 +26,12 @@ from . import run_on_ranks
 LOCK = threading.RLock()
 
 
-@contextmanager
-def signals():
-    """Yield a function that returns the name of a received signal, or None."""
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: None  # only the main thread can handle signals
-        return
-    handlers = {number: signal.getsignal(number) for number in SIGNALS}
-    try:
-        yield Signals()
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-
-
 def run(path, options_file, *options):
     """Run pgran in this process unless the run is complete; return the `Result`. Collective.
 
-    All ranks of the process take part. Runs of several threads wait for each other. PETSc's options
-    of the process are restored afterwards. The parameters are described at
-    `pgran.runs.run_on_ranks.done`.
-
-    Raises
-    ------
-    OptionError, ParameterError
-        If options are inconsistent, or if a thread other than the main one starts a run on several
-        ranks, where threads could wait for each other for ever.
-    SolutionError
-        If the solution or PETSc fails.
-    Interrupted
-        If a signal stops the run. The same call resumes it.
+    All ranks of the process take part. Runs of several threads wait for each other; on several
+    ranks only the main thread can run. See `pgran.runs.run_on_ranks.attributes` for the parameters
+    and `pgran.runs.sweep.run` for the errors.
     """
     petsc4py.init(["pgran", *FIRST])
     from petsc4py import PETSc
@@ -73,8 +47,8 @@ def run(path, options_file, *options):
             refuse_at_start(texts)
             control_comm = world.Dup()  # as in `pgran.cli.start`
             try:
-                with decimal_points(), database(texts), signals() as stop_request:
-                    _solve(stop_request, control_comm)
+                with decimal_points(), database(texts), preserved() as can_set:
+                    _solve(Signals() if can_set else lambda: None, control_comm)
             finally:
                 control_comm.Free()
                 gc.collect()

@@ -9,14 +9,13 @@ import shlex
 import signal
 import subprocess
 import sys
-import threading
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
 
 from .. import cases
-from ..cli import HELP, REPORTED_ERRORS, STOPPED, combined_options, guard_streams, parsed
+from ..cli import HELP, STOPPED, combined_options, exit_code, guard_streams, parsed
 from ..options import (
     PREFIX,
     Interrupted,
@@ -28,7 +27,7 @@ from ..options import (
 )
 from ..output.checkpoint import checkpoints_of
 from ..output.result import Result
-from ..signals import SIGNALS
+from ..signals import SIGNALS, preserved
 
 #: Default number of ranks.
 RANKS = int(os.environ.get("PGRAN_RANKS", 2))
@@ -69,25 +68,19 @@ def command(ranks, *arguments):
 def python(ranks, *arguments, check=True, timeout=None, **more):
     """Run ``python arguments`` on ranks with this package; return the finished process.
 
-    Parameters
-    ----------
-    ranks : int
-        Number of ranks; 0 runs without mpiexec.
-    *arguments : object
-        Converted to text.
-    check : bool
-        Whether another exit code than 0 is an error.
-    timeout : float, optional
-        Seconds after which the process and its ranks are ended.
-    **more
-        Passed to `subprocess.Popen`.
-
-    Raises
-    ------
-    subprocess.CalledProcessError, subprocess.TimeoutExpired
+    With 0 ranks it runs without mpiexec. `subprocess.run` describes ``check``, ``timeout``, the
+    errors and ``more``. Signals that stop a run are forwarded to the ranks.
     """
     line, environment = command(ranks, *arguments)
-    with subprocess.Popen(line, env=environment, **more) as process, _forwarded(process) as signals:
+    signals = []
+
+    def forward(number, frame):  # mpiexec forwards SIGUSR1, but ends its ranks on others
+        signals.append(number)
+        process.send_signal(signal.SIGUSR1)
+
+    with subprocess.Popen(line, env=environment, **more) as process, preserved() as can_set:
+        for number in SIGNALS if can_set else ():
+            signal.signal(number, forward)
         try:
             output, errors = process.communicate(timeout=timeout)
         except BaseException:
@@ -105,35 +98,8 @@ def python(ranks, *arguments, check=True, timeout=None, **more):
     return finished
 
 
-@contextmanager
-def _forwarded(process):
-    """Send signals that stop a run to its ranks; yield the list of received signals.
-
-    mpiexec forwards SIGUSR1 to its ranks, but ends them on SIGTERM and SIGINT.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield []  # only the main thread can handle signals
-        return
-    received = []
-
-    def forward(number, frame):
-        received.append(number)
-        process.send_signal(signal.SIGUSR1)
-
-    handlers = {number: signal.signal(number, forward) for number in SIGNALS}
-    try:
-        yield received
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-
-
 def for_processes(process, action):
-    """Call ``action(number)`` for a process and for all processes of its session.
-
-    Processes that have just ended are skipped. ``process`` is a `subprocess.Popen` that was started
-    with ``start_new_session=True``.
-    """
+    """Call ``action(number)`` for all processes of the session that a process has started."""
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             with suppress(OSError):
@@ -274,18 +240,7 @@ def main(arguments):
     if len(arguments) < 2 or set(arguments) & set(HELP):
         print(__doc__)
         return int(len(arguments) < 2)
-    try:
-        run(*arguments)
-        return 0
-    except Interrupted as error:
-        print(f"pgran.runs.run_on_ranks: {error}", file=sys.stderr)
-        return STOPPED
-    except REPORTED_ERRORS as error:
-        message = error.as_option()
-    except (ValueError, OSError, subprocess.SubprocessError) as error:
-        message = str(error)
-    print(f"pgran.runs.run_on_ranks: error: {message}", file=sys.stderr)
-    return 1
+    return exit_code("pgran.runs.run_on_ranks", run, *arguments)
 
 
 if __name__ == "__main__":
