@@ -38,8 +38,8 @@ def main(arguments):
 
         return doctor.main()
     stop_request = STOP_REQUEST or Signals()
-    return start(arguments, lambda parameters, args, comm: run(parameters, comm, stop_request),
-                 __doc__, complete=partial(complete, words=arguments))
+    return start(arguments, lambda parameters, args, comm: prepared(
+        parameters, comm, stop_request).do(), __doc__, complete=partial(complete, words=arguments))
 
 
 def complete(texts, words=()):
@@ -67,25 +67,12 @@ def complete(texts, words=()):
     return texts
 
 
-def run(parameters, comm, stop_request):
-    """Solve the flow of the parameters and write its results. Collective.
-
-    ``stop_request()`` returns on each rank the reason to stop, a text, or None.
-
-    Raises
-    ------
-    OptionError, ParameterError
-        If options are inconsistent. Nothing has been written then.
-    SolutionError
-        If the solution fails. The last accepted state has been written.
-    Interrupted
-        If a signal stops the run. A checkpoint has been written.
-    """
-    prepared(parameters, comm, stop_request).do()
-
-
 def prepared(parameters, comm, stop_request):
-    """Return the `Run` of the parameters before its first step; see `run`. Collective."""
+    """Return the `Run` of the parameters before its first step. Collective.
+
+    ``stop_request()`` returns on each rank the reason to stop, a text, or None. Raises
+    `pgran.options.OptionError` or `pgran.options.ParameterError` if options are inconsistent.
+    """
     from .options import ParameterError
     from .space.weakform import discretise
 
@@ -130,7 +117,11 @@ class Run:
         self.writer = Writer(self.parameters.output, form, columns=columns)
 
     def do(self):
-        """Run to the end; see `run` for the errors."""
+        """Run to the end.
+
+        Raises `pgran.options.SolutionError` if the solution fails, after writing the last accepted
+        state, or `pgran.options.Interrupted` if a signal stops it, after writing a checkpoint.
+        """
         from .options import Interrupted, ParameterError, SolutionError
 
         driver, now = self.driver, lambda: self.case.label(self.driver.state.time)
@@ -213,10 +204,7 @@ class Run:
             time.monotonic() - then >= 60.0 * self.parameters.checkpoint_minutes)
 
     def checkpoint(self, repeat=True):
-        """Write the history and a checkpoint of the last accepted state.
-
-        ``repeat`` is passed to `pgran.solve.driver.Driver.values`.
-        """
+        """Write the history and a checkpoint; `Driver.values` describes ``repeat``."""
         from .output import checkpoint
 
         writer, driver = self.writer, self.driver
@@ -240,16 +228,10 @@ class Run:
             return f"continue with: <same command> @restart {self.writer.path}"
         return "there is nothing to resume from: start it again"
 
-    def next_command(self):
-        """Return a command for the result, with the option that takes its name."""
-        fixed = self.steady or not self.case.moving
-        return "pgran.eigen -pgran_restart" if fixed else "pgran.measure"
-
     def stop(self, interrupted):
         """Write the last accepted state of a run that failed or was interrupted, and its status.
 
-        A run without an accepted step writes nothing. If a run in time is interrupted before its
-        first step, it writes the checkpoint of its start.
+        A run in time that is interrupted before its first step writes a checkpoint of its start.
         """
         from .output.writer import FAILED, STOPPED
 
@@ -290,7 +272,9 @@ class Run:
         elif not complete:
             terminal.say(f"  stopped by PETSc's options at {now} of "
                          f"{self.case.label(self.case.targets[-1])}")
-        terminal.closing(self.writer, cost, self.next_command())
+        fixed = self.steady or not self.case.moving
+        terminal.closing(self.writer, cost,
+                         "pgran.eigen -pgran_restart" if fixed else "pgran.measure")
 
 
 if __name__ == "__main__":

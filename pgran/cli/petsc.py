@@ -142,10 +142,7 @@ def refuse_at_start(texts):
 
 
 def given_texts(options=()):
-    """Return the options of a run and of a command in PETSc's database, {name: text}.
-
-    PETSc then counts them as used.
-    """
+    """Return {name: text} of a run and of a command; PETSc then counts them as used."""
     from petsc4py import PETSc
 
     database, names = PETSc.Options(), {option.name for option in options}

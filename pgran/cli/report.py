@@ -30,42 +30,41 @@ def exit_code(command, action, *arguments):
     try:
         action(*arguments)
         return 0
-    except Interrupted as error:
-        print(f"{command}: {error}", file=sys.stderr)
-        return STOPPED
-    except REPORTED_ERRORS as error:
-        message = error.as_option()
+    except (Interrupted, *REPORTED_ERRORS, OverflowError, FloatingPointError) as error:
+        print(f"{command}: {message_of(error)}", file=sys.stderr)
+        return STOPPED if isinstance(error, Interrupted) else 1
     except (ValueError, OSError, KeyError, subprocess.SubprocessError) as error:
         message = str(error)
-    except (OverflowError, FloatingPointError) as error:
-        message = f"floating-point error ({error.args[-1]}); check the values of the options"
     except ImportError as error:
         message = f"{error}; pictures and grids need pip install 'pgran[plot]'"
     print(f"{command}: error: {message}", file=sys.stderr)
     return 1
 
 
-def report_error(error, comm, control_comm):
-    """Report an error once; return the exit code. Ends all ranks if only some raised an error."""
+def message_of(error):
+    """Return the message of an error, or a traceback if the error is unexpected."""
+    if isinstance(error, Interrupted):
+        return error.as_option()
+    if isinstance(error, REPORTED_ERRORS):
+        return f"error: {error.as_option()}"
+    if isinstance(error, (OverflowError, FloatingPointError)):
+        return f"error: floating-point error ({error.args[-1]}); check the values of the options"
+    if isinstance(error, MemoryError):
+        return ("error: not enough memory; use larger elements, fewer elements, or more ranks on "
+                f"more machines {error}".rstrip())
     from petsc4py import PETSc
 
+    if isinstance(error, PETSc.Error):
+        return f"error: {petsc_message(error)}"
+    return "".join(traceback.format_exception(error)).rstrip()
+
+
+def report_error(error, comm, control_comm):
+    """Report an error once; return the exit code. Ends all ranks if only some raised an error."""
     error = callback_error(error)
-    if isinstance(error, Interrupted):
-        text = f"pgran: {error.as_option()}"
-    elif isinstance(error, REPORTED_ERRORS):
-        text = f"pgran: error: {error.as_option()}"
-    elif isinstance(error, PETSc.Error):
-        text = f"pgran: error: {petsc_message(error)}"
-    elif isinstance(error, MemoryError):
-        text = ("pgran: error: not enough memory; use larger elements, fewer elements, or more "
-                f"ranks on more machines{f' ({error})' if str(error) else ''}")
-    elif isinstance(error, (OverflowError, FloatingPointError)):
-        text = (f"pgran: error: floating-point error ({error.args[-1]}); check the values of the "
-                "options")
-    else:
-        text = "".join(traceback.format_exception(error)).rstrip()
+    text = f"pgran: {message_of(error)}"
     end_unless_shared(error, control_comm, text)
-    if text and comm.rank == 0:
+    if comm.rank == 0:
         print(text, file=sys.stderr, flush=True)
     return STOPPED if isinstance(error, Interrupted) else 1
 

@@ -132,7 +132,9 @@ def command_option(name, kind, meaning, default=None, unit="", **more):
 
 
 def plain(value):
-    """Return a value as text, as in an options file."""
+    """Return a value as text, as in an options file; None is ``none``."""
+    if value is None:
+        return "none"
     if isinstance(value, tuple):
         return ",".join(f"{number!r}" for number in value)
     return str(value).lower() if isinstance(value, bool) else str(value)
@@ -140,20 +142,15 @@ def plain(value):
 
 def help_text(options):
     """Return options as the text of ``-help``."""
-    lines = []
-    for option in options:
-        default = "none" if option.default is None else plain(option.default)
-        unit = f" [{option.unit}]" if option.unit else ""
-        equation = f"  {option.equation}" if option.equation else ""
-        lines.append(f"  -{option.prefix}{option.name} <{default}>{unit}: {option.meaning}"
-                     f"{equation}\n      allowed: {option.allowed}")
-    return "\n".join(lines)
+    return "\n".join(
+        f"  -{option.prefix}{option.name} <{plain(option.default)}>"
+        + (f" [{option.unit}]" if option.unit else "") + f": {option.meaning}"
+        + (f"  {option.equation}" if option.equation else "") + f"\n      allowed: {option.allowed}"
+        for option in options)
 
 
 def markdown_table(options):
-    """Return options as a table in Markdown, or an empty text if there are none."""
-    if not options:
-        return ""
+    """Return options as a table in Markdown, or an empty text without options."""
     lines = ["| option | default | unit | allowed | meaning | equation |",
              "|---|---|---|---|---|---|"]
     for option in options:
@@ -161,4 +158,4 @@ def markdown_table(options):
         cells = (f"`-{option.prefix}{option.name}`", default, option.unit, option.allowed,
                  option.meaning, option.equation)
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines) + "\n" if options else ""

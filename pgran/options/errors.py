@@ -29,21 +29,13 @@ class ParameterError(ValueError):
     """
 
     def __init__(self, name, value, reason, prefix=PREFIX):
-        super().__init__(f"{_with_value(name, value)}: {reason.replace('@', '')}")
         self.name, self.value, self.reason, self.prefix = name, value, reason, prefix
+        self._label = f"{name}: " if value is None else f"{name} {value}: "
+        super().__init__(self._label + reason.replace("@", ""))
 
     def as_option(self):
         """Return the message with names as on the command line."""
-        name = f"-{self.prefix}{_with_value(self.name, self.value)}"
-        return f"{name}: {_with_prefix(self.reason)}"
-
-
-class Interrupted(Exception):
-    """A signal stopped a run before its end. Parameters are written as in `SolutionError`."""
-
-    def as_option(self):
-        """Return the message with names as on the command line."""
-        return _with_prefix(str(self))
+        return f"-{self.prefix}{self._label}{_with_prefix(self.reason)}"
 
 
 class SolutionError(RuntimeError):
@@ -54,8 +46,10 @@ class SolutionError(RuntimeError):
         return _with_prefix(str(self))
 
 
-def _with_value(name, value):
-    return name if value is None else f"{name} {value}"
+class Interrupted(Exception):
+    """A signal stopped a run before its end. Parameters are written as in `SolutionError`."""
+
+    as_option = SolutionError.as_option
 
 
 def _with_prefix(text):
@@ -64,13 +58,11 @@ def _with_prefix(text):
 
 def hint(name, known, prefix=PREFIX):
     """Return the options with a similar name as a question, or a reference to ``-help``."""
-    near = difflib.get_close_matches(name, list(known), n=3)
-    if not near:
-        return "-help lists the options"
-    return f"did you mean {' or '.join(f'-{prefix}{other}' for other in near)}?"
+    near = [f"-{prefix}{other}" for other in difflib.get_close_matches(name, list(known))]
+    return f"did you mean {' or '.join(near)}?" if near else "-help lists the options"
 
 
 def not_among(name, allowed):
     """Return which of the ``allowed`` names are similar to ``name``, or all if none is similar."""
-    near = difflib.get_close_matches(name, list(allowed), n=3)
+    near = difflib.get_close_matches(name, list(allowed))
     return f"did you mean {' or '.join(near)}?" if near else f"expected {' | '.join(allowed)}"

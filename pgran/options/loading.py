@@ -57,9 +57,9 @@ class Component:
         if not target and text not in self.names:
             path = importlib.import_module(self.package).__path__
             refuse(f"expected one of: {allowed_names(path)}")
+        modified = os.stat(target).st_mtime_ns if os.path.isfile(target) else None
         try:
-            module = _module(target, _modified(target)) if target else importlib.import_module(
-                f"{self.package}.{text}")
+            module = _module(target or f"{self.package}.{text}", modified)
         except (Exception, SystemExit) as error:  # a user-defined file may fail in any way
             refuse(f"{target} cannot be imported: {type(error).__name__}: "
                    f"{str(error).splitlines()[0] if str(error) else 'no reason given'}")
@@ -78,11 +78,6 @@ class Component:
         if not all(isinstance(option, Option) for option in found.options):
             refuse(f"options of {name} must be a tuple of pgran.options.Option")
         return found
-
-
-def _modified(target):
-    """Time of the last change of a file, ns, or None for a dotted name."""
-    return os.stat(target).st_mtime_ns if os.path.isfile(target) else None
 
 
 class _SourceLoader(importlib.machinery.SourceFileLoader):

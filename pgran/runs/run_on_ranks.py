@@ -108,15 +108,12 @@ def for_processes(process, action):
 
 
 def kill(process):
-    """Send SIGKILL to a process and to all processes of its session."""
+    """Send SIGKILL to all processes of the session that a process has started."""
     for_processes(process, lambda number: os.kill(number, signal.SIGKILL))
 
 
 def requested_parameters(options_file, *options):
-    """Return the `pgran.options.Parameters` of an options file and of options that override it.
-
-    Raises `pgran.options.OptionError` or `pgran.options.ParameterError` if they are inconsistent.
-    """
+    """Return the `pgran.options.Parameters` of an options file and of options that override it."""
     texts = combined_options(options_file, *options)
     parameters = cases.read({**default_solver(texts)[1], **texts})
     cases.create(parameters)
@@ -124,10 +121,7 @@ def requested_parameters(options_file, *options):
 
 
 def holds(path, parameters, ignored=IGNORED):
-    """Return whether the options in a result file equal ``parameters``, except those ``ignored``.
-
-    It is False if the file cannot be read.
-    """
+    """Return whether a result file can be read and has the same options, except ``ignored``."""
     try:
         with h5py.File(path, "r") as file:
             stored = cases.read(written(file.attrs["options"]), stored=True)

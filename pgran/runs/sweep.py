@@ -33,9 +33,8 @@ def run(output=None, options_file=None, ranks=None, **options):
     output : str or Path, optional
         The result file; results/CASE.h5 by default.
     options_file : str or Path, optional
-        Options that the other ones override. By default the options file of the case, without its
-        solver if that does not suit the model or ``ts_type``; see
-        `pgran.options.default_solver`.
+        Options that the other ones override. By default the options file of the case, without a
+        solver that does not suit the model or ``ts_type`` (`pgran.options.default_solver`).
     ranks : int, optional
         Run in this number of separate processes under mpiexec; 0 means one process without it.
     **options
