@@ -71,7 +71,6 @@ def folder(tmp_path_factory):
            "-pgran_height 24\n")
     complete = (folder / "keep.h5").read_bytes()
     (folder / "truncated.h5").write_bytes(complete[:len(complete) // 2])
-    (folder / "binary.opts").write_bytes(bytes(range(256)))
     with h5py.File(folder / "other.h5", "w") as file:
         file["data"] = np.arange(3)
     with h5py.File(folder / "data.h5", "w") as file:
@@ -139,7 +138,6 @@ RUNS = {
     "-options_file folder.h5": "cannot be read as text",
     "-options_file none.opts": "missing.opts: there is no such file",
     "-options_file self.opts": "the file includes itself",
-    "-options_file binary.opts": "cannot be read as text",
     "-options_file keep.h5": "cannot be read as text",
     "-options_file bare.opts": "bare.opts, line 1",
     "-options_file dashes.opts": "options begin with one dash",
@@ -153,7 +151,6 @@ RUNS = {
     "-pgran_snapshots 0.05,0.0500000001": "two times",
     "-pgran_element_size 1e-3": "more than the indices", "-pgran_element_size 0.01": "GB",
     "-pgran_width 1e300": "-pgran_width 1e+300: makes",
-    "-pgran_width 1e200 -pgran_element_size 1e-200": "-pgran_width 1e+200",
     "-pgran_A 1e300": "floating-point error",
     "-pgran_case annular_shear -pgran_inner_radius 1e-300": "floating-point error",
     # components
@@ -189,7 +186,6 @@ RUNS = {
     "-snes_max_it -1": "-snes_max_it -1: ", "-snes_rtol nan": "-snes_rtol nan: must be a number",
     **{f"-{name}": f"-{name} 1: " for name in (
         "snes_error_if_not_converged", "ksp_error_if_not_converged", "ts_error_if_step_fails")},
-    "-dm_mat_type nosuch": "-dm_mat_type nosuch: ",
     "-dm_mat_type nest -pc_type lu": "-dm_mat_type nest: not with -pc_type lu",
     "-dm_mat_type nest -pc_type fieldsplit -ksp_type fgmres":
         "-dm_mat_type nest: not with -pc_fieldsplit_0_fields 0",
@@ -214,9 +210,7 @@ def test_a_run_with_invalid_input_is_refused(refused, line):
 COMMANDS = {
     "eigen -eps_nev 0": "-eps_nev 0: ", "eigen -target nan": "-target nan: must be",
     "eigen -st_type nosuch": "-st_type nosuch: Unknown type", "eigen -eps_tol abc": "-eps_tol abc",
-    "eigen -refinement 1": "-refinement 1: must be",
-    "eigen -refinment 8": "unknown option -refinment; did you mean -refinement?",
-    "eigen -wave_vector 1,0": "-wave_vector 1,0: ", "eigen -wave_vector 1": "-wave_vector 1: ",
+    "eigen -wave_vector 1": "-wave_vector 1: must be 2 numbers",
     "eigen -wave_vector 1e8,1e8": "no eigenvalue converged",
     "eigen -pgran_output pipe.h5 -pgran_cell_elements 2": "not a regular file",
     "eigen -pgran_cell_elements 1000000": "more than the indices",
@@ -224,9 +218,9 @@ COMMANDS = {
     **{f"stability {given}": "floating-point error" for given in (
         "-cutoff -pgran_A 1e300", "-wave_vector 1e300,1", "-specimen -pgran_A 1e300",
         "-cutoff -pgran_inertial_number 1e-300")},
-    **{f"growth -dt {dt}": f"-dt {dt}: must be" for dt in ("nan", "inf", "0")},
+    "growth -dt inf": "-dt inf: must be",
     "growth -dt 1e3 -pgran_element_size 8": "(-dt)", "growth -dt 1e-3,1e-3": "-dt 0.001,0.001: ",
-    "growth -without nosuch": "-without nosuch: ", "measure": "", "measure nosuch.h5": "nosuch.h5",
+    "measure": "", "measure nosuch.h5": "nosuch.h5",
     **{f"measure {kind}.h5": f"{kind}.h5: " for kind in (
         "text", "truncated", "other", "data", "nothing", "flat", "odd", "words", "lost", "pipe",
         "folder")},
@@ -235,8 +229,7 @@ COMMANDS = {
     "plot nothing.h5": "nothing.h5: ", "plot words.h5": "words.h5: ", "figures fig0": "fig0: ",
     "figures fig6 -results nosuch": "nosuch", "stability -wave_vector a,b": "-wave_vector a,b: ",
     "stability -wave_vector": "-wave_vector: the value is missing",
-    "stability -nosuch 1": "unknown option -nosuch",
-    "stability -cutoff -pgran_mu_s 0": "-pgran_mu_s 0: must be", "stability bare": "bare"}
+    "stability bare": "bare"}
 
 
 @pytest.mark.parametrize("line", COMMANDS)

@@ -24,38 +24,29 @@ from pgran.signals import SIGNALS
 SMALL = {"width": 8, "height": 24, "compression": 0.001}
 
 
-def test_a_run_returns_a_result_and_is_reused(tmp_path):
-    given = {"inertial_number": 0.003, "snapshots": [0.0005, 0.001], **SMALL}
-    result = pgran.run(tmp_path / "a.h5", **given)
-    assert result.complete and result.options["inertial_number"] == 0.003
-    assert [round(s.attributes["compression"], 6) for s in result.snapshots] == [0.0005, 0.001]
-    assert result.history["compression"][-1] == pytest.approx(0.001)
-    begun = (tmp_path / "a.h5").stat().st_mtime_ns
-    again = pgran.run(tmp_path / "a.h5", **given)
-    assert (tmp_path / "a.h5").stat().st_mtime_ns == begun
-    assert np.array_equal(again.snapshots[-1]["pressure"], result.snapshots[-1]["pressure"])
-    on_ranks = pgran.run(tmp_path / "b.h5", ranks=2, **given)
-    assert on_ranks.attributes["ranks"] == 2
-    assert on_ranks.snapshots[-1]["pressure"] == pytest.approx(result.snapshots[-1]["pressure"],
-                                                               rel=1e-5)
-
-
-def test_a_run_in_this_process_equals_a_separate_one_and_restores_the_process(tmp_path):
+def test_runs_in_this_process_separate_and_on_ranks_agree_and_are_reused(tmp_path):
     from petsc4py import PETSc
 
     options = PETSc.Options()
     options.setValue("mine", "of the caller")
-    names = list(options.getAll())
-    handlers = [signal.getsignal(number) for number in SIGNALS]
-    paths = [tmp_path / f"{name}.h5" for name in ("here", "separate", "again")]
-    results = [pgran.run(path, ranks=ranks, **SMALL) for path, ranks in zip(paths, (None, 0, None))]
-    for other in results[1:]:
+    state = [*options.getAll(), *map(signal.getsignal, SIGNALS)]
+    given = {"inertial_number": 0.003, "snapshots": [0.0005, 0.001], **SMALL}
+    first, again, separate, on_ranks = (pgran.run(tmp_path / f"{ranks}{n}.h5", ranks=ranks, **given)
+                                        for n, ranks in enumerate((None, None, 0, 2)))
+    assert first.complete and first.options["inertial_number"] == 0.003
+    assert [round(s.attributes["compression"], 6) for s in first.snapshots] == [0.0005, 0.001]
+    for other in (again, separate):
         for name, values in other.history.items():
-            assert np.array_equal(values, results[0].history[name])
-        assert np.array_equal(other.snapshots[-1]["fluidity"], results[0].snapshots[-1]["fluidity"])
-    assert list(options.getAll()) == names and options.getString("mine") == "of the caller"
-    assert handlers == [signal.getsignal(number) for number in SIGNALS]
+            assert np.array_equal(values, first.history[name])
+        assert np.array_equal(other.snapshots[-1]["fluidity"], first.snapshots[-1]["fluidity"])
+    assert on_ranks.attributes["ranks"] == 2
+    assert on_ranks.snapshots[-1]["pressure"] == pytest.approx(first.snapshots[-1]["pressure"],
+                                                               rel=1e-5)
+    assert state == [*options.getAll(), *map(signal.getsignal, SIGNALS)]
+    assert options.getString("mine") == "of the caller"
     options.delValue("mine")
+    written = first.path.stat().st_mtime_ns
+    assert pgran.run(first.path, **given).complete and first.path.stat().st_mtime_ns == written
 
 
 def test_a_script_on_ranks_runs_on_all_ranks_and_only_in_the_main_thread(tmp_path):
@@ -90,27 +81,20 @@ def test_a_signal_stops_a_run_in_this_process_and_the_same_call_resumes_it(tmp_p
         complete.snapshots[-1]["pressure"], rel=1e-6)
 
 
-def test_a_result_refuses_the_data_of_a_later_run_in_its_file(tmp_path, monkeypatch):
+def test_results_are_absolute_and_refuse_the_data_of_a_later_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
     first = pgran.run(inertial_number=0.001, **SMALL)
     second = pgran.run(inertial_number=0.01, **SMALL)
+    found = pgran.sweep({"inertial_number": [0.001]}, directory="b", **SMALL)
+    monkeypatch.chdir(tmp_path / "elsewhere")
     assert first.path == second.path == tmp_path / "results" / "biaxial.h5"
-    with pytest.raises(ResultError, match="another run has replaced the run"):
-        first.snapshots[-1]["pressure"]
-    with pytest.raises(ResultError, match="another run has replaced the run"):
-        tuple(first.snapshots[-1].names)
+    for read in (lambda: first.snapshots[-1]["pressure"], lambda: tuple(first.snapshots[-1].names)):
+        with pytest.raises(ResultError, match="another run has replaced the run"):
+            read()
     assert second.snapshots[-1]["inertial_number"].mean() > 0.005
     assert pgran.open(tmp_path / "results" / "biaxial.1.h5").snapshots[-1][
         "inertial_number"].mean() < 0.002
-
-
-def test_results_and_sweeps_do_not_depend_on_the_current_directory(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "elsewhere").mkdir()
-    result = pgran.run("a.h5", **SMALL)
-    found = pgran.sweep({"inertial_number": [0.001]}, directory="b", **SMALL)
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    assert result.path == tmp_path / "a.h5" and result.snapshots[-1]["pressure"].mean() > 0.0
     assert [row["complete"] for row in found.rows()] == [True]
     pgran.run(found.paths[0], inertial_number=0.01, **SMALL)
     with pytest.raises(ResultError, match="another run"):
@@ -152,11 +136,13 @@ def test_a_sweep_resumes_and_gives_a_table(tmp_path, monkeypatch):
         pgran.sweep(grid, directory=tmp_path, **SMALL)
 
 
-def test_a_sweep_reports_runs_that_fail(tmp_path):
-    found = pgran.sweep({"step_min": [1e-8, 6e-5]}, directory=tmp_path, petsc={"snes_max_it": 3},
-                        **SMALL)
-    assert list(found.failures) == [1] or list(found.failures) == [0, 1]
-    assert "exit code 1" in found.failures[1]
+def test_a_sweep_runs_equal_points_once_and_reports_failures(tmp_path):
+    found = pgran.sweep({"step_min": [1e-8, 6e-5, 6e-5]}, directory=tmp_path, workers=2,
+                        petsc={"snes_max_it": 3}, **SMALL)
+    assert list(found.failures)[-2:] == [1, 2] and "exit code 1" in found.failures[1]
+    assert found.paths[1] == found.paths[2] and len(found.rows()) == 3
+    with pytest.raises(OptionError, match="results of a sweep are named after their points"):
+        pgran.sweep({"inertial_number": [0.001]}, directory=tmp_path, output="x.h5", **SMALL)
 
 
 def live():
@@ -227,15 +213,6 @@ def test_results_can_be_pickled(tmp_path):
         for name in ("pressure", "speed"):
             assert np.array_equal(snapshot[name], result.snapshots[-1][name])
         assert copy.deepcopy(result.parameters) == result.parameters
-
-
-def test_a_sweep_runs_equal_points_once(tmp_path):
-    found = pgran.sweep({"inertial_number": [0.001, 0.001, 0.002]}, directory=tmp_path, workers=2,
-                        **SMALL)
-    assert not found.failures and [row["complete"] for row in found.rows()] == [True] * 3
-    assert len(list(tmp_path.glob("inertial_number_0.00?.h5"))) == 2
-    with pytest.raises(OptionError, match="results of a sweep are named after their points"):
-        pgran.sweep({"inertial_number": [0.001]}, directory=tmp_path, output="x.h5", **SMALL)
 
 
 def test_a_locale_with_a_decimal_comma_has_no_effect(tmp_path):
