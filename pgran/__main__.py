@@ -21,14 +21,8 @@ from .signals import Signals
 # Before the imports that take long.
 STOP_REQUEST = Signals() if __name__ == "__main__" else None
 
-from .cli import (  # noqa: E402
-    all_ranks_arrive,
-    choose_solver,
-    report_unused,
-    solver_options,
-    start,
-    steady,
-)
+from .cli.petsc import choose_solver, solver_options, start, steady  # noqa: E402
+from .cli.report import all_ranks_arrive, report_unused  # noqa: E402
 
 
 def main(arguments):

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from .. import __version__, cases
-from ..options import PREFIX, OptionError, command_option, help_text, hint
-from ..options.files import is_option, parsed
+from ..options import PREFIX, OptionError, command_option, help_text, parsed
+from ..options.errors import hint
 from .report import exit_code
 from .streams import guard_streams
 
@@ -128,8 +128,9 @@ def _parse(arguments, options, operands, runs):
         flag = {"action": "store_const", "const": "true"} if option.kind == "flag" else {}
         parser.add_argument(f"-{option.name}", **flag)
     found, rest = parser.parse_known_args(arguments)
-    for word in filter(is_option, rest):
-        if not (runs and word.startswith(f"-{PREFIX}")):
+    for word in rest:
+        option = word.startswith("-") and not re.match(r"-[\d.]", word)
+        if option and not (runs and word.startswith(f"-{PREFIX}")):
             names = [option.name for option in options]
             raise OptionError(f"unknown option {word}; {hint(word.lstrip('-'), names, '')}")
     texts = {name: text for name, text in vars(found).items() if text is not None}

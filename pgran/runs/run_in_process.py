@@ -6,17 +6,9 @@ import threading
 import petsc4py
 
 from .. import cases
-from ..cli import (
-    check_names,
-    combined_options,
-    database,
-    decimal_points,
-    end_unless_shared,
-    given_texts,
-    petsc_message,
-    refuse_at_start,
-)
-from ..options import Interrupted, OptionError, SolutionError
+from ..cli.petsc import check_names, database, decimal_points, given_texts, refuse_at_start
+from ..cli.report import end_unless_shared, petsc_message
+from ..options import Interrupted, OptionError, SolutionError, combined_options
 from ..output.result import Result
 from ..signals import Signals, preserved
 from ..versions import FIRST, callback_error

@@ -15,16 +15,9 @@ from pathlib import Path
 import h5py
 
 from .. import cases
-from ..cli import HELP, STOPPED, combined_options, exit_code, guard_streams, parsed
-from ..options import (
-    PREFIX,
-    Interrupted,
-    OptionError,
-    ParameterError,
-    SolutionError,
-    default_solver,
-    written,
-)
+from ..cli import HELP, STOPPED, exit_code, guard_streams
+from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
+from ..options.files import combined_options, default_solver, parsed
 from ..output.checkpoint import checkpoints_of
 from ..output.result import Result
 from ..signals import SIGNALS, preserved
