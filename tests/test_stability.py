@@ -307,7 +307,7 @@ def test_amplitude_in_three_dimensions_is_that_in_the_plane():
 
 @pytest.mark.parametrize("arguments, message", [
     (["-wave_vector", "0,0"], "-wave_vector 0,0"),
-    (["-wave_vector", "1"], "-wave_vector 1: must be 2 numbers"),
+    (["-wave_vector", "1"], "-wave_vector 1: allowed is 2 numbers"),
     (["-cutoff", "-base_flow", "1,0,0,1"], "divergence"),
     (["-cutoff", "-base_flow", "1,0"], "-base_flow 1,0: allowed is pure_shear | "
      "simple_shear, or 4 or 9 numbers"),
