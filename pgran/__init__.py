@@ -9,9 +9,9 @@ __version__ = "0.2.0"
 
 
 def open(path):
-    """Return the `pgran.output.result.Result` of a result file, which may still be written.
+    """Return the `pgran.output.result.Result` of a result file, also of a run in progress.
 
-    Raises `pgran.output.reader.ResultError` where it is none.
+    Raises `pgran.output.reader.ResultError` if it is not a pgran result file.
     """
     from .output.result import Result
 
@@ -19,10 +19,10 @@ def open(path):
 
 
 def run(output=None, **options):
-    """Run pgran and return its result, as `pgran.runs.sweep.run` says.
+    """Run pgran and return its result; see `pgran.runs.sweep.run`.
 
-    ``pgran.run(inertial_number=0.003)`` runs the specimen in this process, and with ``ranks=2`` on
-    two ranks of its own.
+    ``pgran.run(inertial_number=0.003)`` compresses the specimen in this process, and with
+    ``ranks=2`` in two separate MPI processes.
     """
     from .runs import sweep as runs
 
@@ -30,7 +30,7 @@ def run(output=None, **options):
 
 
 def sweep(parameters, **common):
-    """Run pgran for each point of {name: values}, as `pgran.runs.sweep.sweep` says."""
+    """Run pgran for each point of {name: values}; see `pgran.runs.sweep.sweep`."""
     from .runs import sweep as runs
 
     return runs.sweep(parameters, **common)

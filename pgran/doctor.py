@@ -1,6 +1,6 @@
-"""Tell what pgran runs on, whether it fits together, and what to do: python -m pgran -doctor
+"""Check the installation of pgran: python -m pgran -doctor
 
-Each library is tried in a process of its own, so that one which crashes is told too.
+Each library is tried in a separate process, so that a crash is reported too.
 """
 
 import json
@@ -8,13 +8,14 @@ import os
 import shutil
 import subprocess
 import sys
-from typing import NamedTuple
 
-#: Seconds that one look may take.
+from . import __version__
+
+#: Time limit of a check, s.
 LIMIT = 60
-#: Seconds that MPI may take to start before it is told what may hold it up.
+#: Start of MPI that counts as slow, s.
 SLOW = 2.0
-#: Generations of PETSc that pgran runs on.
+#: Tested versions of PETSc.
 OLDEST, NEWEST = (3, 18), (3, 26)
 
 PETSC = """
@@ -27,10 +28,7 @@ try:
 except Exception:
     facts["mumps"] = None
 """
-SLEPC = """
-from slepc4py import SLEPc
-facts = dict(version=SLEPc.Sys.getVersion())
-"""
+SLEPC = "from slepc4py import SLEPc; facts = dict(version=SLEPc.Sys.getVersion())"
 MPI = """
 import time
 start = time.perf_counter()
@@ -38,10 +36,7 @@ from mpi4py import MPI
 facts = dict(library=MPI.Get_library_version().split(",")[0].strip().strip(chr(0)),
              seconds=time.perf_counter() - start)
 """
-HDF5 = """
-import h5py
-facts = dict(version=h5py.__version__, hdf5=h5py.version.hdf5_version, mpi=h5py.get_config().mpi)
-"""
+HDF5 = "import h5py; facts = dict(version=h5py.__version__, hdf5=h5py.version.hdf5_version)"
 TOGETHER = """
 import os
 from petsc4py import PETSc
@@ -50,99 +45,80 @@ import h5py
 facts = dict(mpi=sorted({os.path.realpath(line.split()[-1]) for line in open("/proc/self/maps")
                          if "/libmpi.so" in line or "/libmpich" in line}))
 """
-#: What is known to hold Open MPI up.
-HELD_UP = (" (slow; on one machine export PMIX_MCA_psec=native, so that it does not wait for a "
-           "munge that does not run, and OMPI_MCA_btl=self,vader)")
-#: Variables without which Open MPI's mpiexec refuses root.
+VERSION = "import {0}; facts = dict(version={0}.__version__)"
+#: Advice for a slow start of Open MPI.
+SLOW_START = (" (slow; on one machine export PMIX_MCA_psec=native, which avoids a timeout of "
+              "munge, and OMPI_MCA_btl=self,vader)")
+#: Variables that allow root to use mpiexec of Open MPI.
 ALLOW_ROOT = "OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"
-#: Each rank writes at once, so that answers do not mix.
+#: Each rank writes its text in one call, so that texts do not mix.
 RANKS = "import os; from mpi4py import MPI; os.write(1, b' %d ' % MPI.COMM_WORLD.size)"
 
 
-class Finding(NamedTuple):
-    """What was found: whether it is good, what it is, and what to do where it is not."""
-
-    good: bool
-    text: str
-    cure: str = ""
-
-
 def facts(code):
-    """Return the ``facts`` that a piece of Python finds in a process of its own, or what failed."""
+    """Return the ``facts`` of a piece of Python, run in a separate process, or an error message."""
     code += "\nimport json; print(json.dumps(facts))"
     try:
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
                               timeout=LIMIT, check=False)
     except subprocess.TimeoutExpired:
-        return f"no answer in {LIMIT} s"
+        return f"not finished after {LIMIT} s"
     if done.returncode == 0:
         return json.loads(done.stdout.splitlines()[-1])
     lines = [line for line in done.stderr.splitlines() if line.strip()]
-    return lines[-1] if lines else f"it ended with code {done.returncode}"
+    return lines[-1] if lines else f"exit code {done.returncode}"
 
 
-def examined():
-    """Yield the findings, one `Finding` for each library and for how they fit together."""
-    version = ".".join(map(str, sys.version_info[:3]))
-    yield Finding(sys.version_info >= (3, 9), f"Python {version}", "take Python 3.9 or later")
-    petsc = facts(PETSC)
+def check():
+    """Yield for each library whether it is good, a description, and a remedy."""
+    yield sys.version_info >= (3, 9), f"Python {sys.version.split()[0]}", "install Python 3.9"
+    petsc, slepc, mpi, hdf5, both = map(facts, (PETSC, SLEPC, MPI, HDF5, TOGETHER))
     yield _petsc(petsc)
-    slepc = facts(SLEPC)
-    if isinstance(slepc, str):
-        yield Finding(False, f"slepc4py: {slepc}", "install slepc4py of the same version as "
-                      "petsc4py; only pgran-eigen and pgran-growth need it")
-    else:
-        same = isinstance(petsc, str) or slepc["version"][:2] == petsc["version"][:2]
-        yield Finding(same, "slepc4py " + _dotted(slepc["version"]),
-                      "its version must be that of petsc4py: install both from one source")
-    mpi = facts(MPI)
-    yield Finding(not isinstance(mpi, str), f"mpi4py: {mpi}" if isinstance(mpi, str) else
-                  f"mpi4py with {mpi['library']}, starts in {mpi['seconds']:.1f} s"
-                  + (HELD_UP if mpi["seconds"] > SLOW else ""),
-                  "install mpi4py built with the MPI of PETSc")
-    hdf5 = facts(HDF5)
-    yield Finding(not isinstance(hdf5, str), f"h5py: {hdf5}" if isinstance(hdf5, str) else
-                  f"h5py {hdf5['version']}, HDF5 {hdf5['hdf5']}, "
-                  f"{'with' if hdf5['mpi'] else 'without'} MPI (either will do)", "install h5py")
-    both = facts(TOGETHER)
-    if isinstance(both, str):
-        yield Finding(False, f"petsc4py, mpi4py and h5py in one process: {both}",
-                      "install all of them from one source: Debian's packages, one conda "
-                      "environment, or pip with one MPI")
-    else:
-        yield Finding(len(both["mpi"]) == 1, "one MPI library in the process: "
-                      + (", ".join(both["mpi"]) or "none"), "rebuild mpi4py and h5py with the MPI "
-                      "of PETSc: MPICC=mpicc pip install --no-binary :all: mpi4py")
+    slow = not isinstance(mpi, str) and mpi["seconds"] > SLOW
+    for name, found, text, remedy in (
+            ("slepc4py", slepc, "slepc4py {version[0]}.{version[1]}.{version[2]}",
+             "install slepc4py of the same version as petsc4py, for pgran-eigen and pgran-growth"),
+            ("mpi4py", mpi, "mpi4py with {library}, starts in {seconds:.1f} s"
+             + (SLOW_START if slow else ""), "install mpi4py built with the MPI of PETSc"),
+            ("h5py", hdf5, "h5py {version}, HDF5 {hdf5}", "install h5py"),
+            ("scipy", facts(VERSION.format("scipy")), "scipy {version}",
+             "install scipy; for Debian's petsc4py: pip install scipy 'numpy<2'"),
+            ("petsc4py, mpi4py and h5py in one process", both, "one MPI library: {mpi}",
+             "install all of them from the same source: Debian, one conda environment, or pip")):
+        missing = isinstance(found, str)
+        yield not missing, f"{name}: {found}" if missing else text.format(**found), remedy
+    if not isinstance(both, str) and len(both["mpi"]) != 1:
+        yield False, f"{len(both['mpi'])} MPI libraries in one process", (
+            "rebuild mpi4py and h5py with the MPI of PETSc: "
+            "MPICC=mpicc pip install --no-binary :all: mpi4py")
+    if not isinstance(petsc, str) and not isinstance(slepc, str) \
+            and petsc["version"][:2] != slepc["version"][:2]:
+        yield False, "petsc4py and slepc4py have different versions", "use one source for both"
     yield _launcher(mpi)
-    scipy = facts("import scipy; facts = dict(version=scipy.__version__)")
-    yield Finding(not isinstance(scipy, str), f"scipy: {scipy}" if isinstance(scipy, str) else
-                  f"scipy {scipy['version']}", "install scipy, with Debian's petsc4py by pip "
-                  "install scipy 'numpy<2'")
     for name, use in (("matplotlib", "pictures"), ("pyvista", "3D grids and windows")):
-        found = facts(f"import {name}; facts = dict(version={name}.__version__)")
-        yield Finding(True, f"{name}: not there; {use} need it (pip install 'pgran[plot]')"
-                      if isinstance(found, str) else f"{name} {found['version']}")
-
-
-def _dotted(version):
-    return ".".join(map(str, version))
+        found = facts(VERSION.format(name))
+        yield True, (f"{name}: not installed; required for {use} (pip install 'pgran[plot]')"
+                     if isinstance(found, str) else f"{name} {found['version']}"), ""
 
 
 def _petsc(found):
+    """Check PETSc; see `check`."""
     if isinstance(found, str):
-        return Finding(False, f"petsc4py: {found}", "on Debian: bash jobs/local.sh setup; "
-                       "elsewhere install petsc4py beside a PETSc with MUMPS (pip install petsc "
-                       "petsc4py, or conda install -c conda-forge petsc4py)")
-    text = (f"petsc4py {_dotted(found['version'])}, {'real' if found['real'] else 'complex'} "
-            f"numbers, {found['bits']}-bit indices, MUMPS "
-            + {True: "present", False: "missing", None: "unknown"}[found["mumps"]])
+        return False, f"petsc4py: {found}", (
+            "on Debian: bash jobs/local.sh setup; elsewhere install PETSc with MUMPS, and petsc4py "
+            "(pip install petsc petsc4py, or conda install -c conda-forge petsc4py)")
+    mumps = {True: "present", False: "missing", None: "unknown"}[found["mumps"]]
+    text = (f"petsc4py {'.'.join(map(str, found['version']))}, "
+            f"{'real' if found['real'] else 'complex'} numbers, {found['bits']}-bit indices, "
+            f"MUMPS {mumps}")
     if not found["real"]:
-        return Finding(False, text, "take a PETSc with real numbers (Debian: PETSC_ARCH "
-                       "...-real; configure --with-scalar-type=real)")
+        return False, text, ("install PETSc with real numbers (Debian: PETSC_ARCH ...-real; "
+                             "configure --with-scalar-type=real)")
     if not OLDEST <= tuple(found["version"][:2]) <= NEWEST:
-        return Finding(False, text, f"pgran is tested on {_dotted(OLDEST)} to {_dotted(NEWEST)}")
-    return Finding(found["mumps"] is not False, text, "configure PETSc with --download-mumps "
-                   "--download-scalapack; without MUMPS only multigrid solves")
+        return False, text, f"install PETSc between {OLDEST} and {NEWEST}, which are tested"
+    return found["mumps"] is not False, text, (
+        "configure PETSc with --download-mumps --download-scalapack; without MUMPS only multigrid "
+        "can be used")
 
 
 def refuses_root(mpi):
@@ -152,37 +128,32 @@ def refuses_root(mpi):
 
 
 def _launcher(mpi):
-    """Whether mpiexec starts ranks that know of each other."""
+    """Check that mpiexec starts ranks of one MPI job; see `check`."""
     path = shutil.which("mpiexec")
     if not path:
-        return Finding(False, "mpiexec: not on the path", "install the MPI that mpi4py was built "
-                       "with, or start ranks as your cluster says (srun)")
-    from .runs.run_on_ranks import command
-
-    line, environment = command(2, "-c", RANKS)
-    try:
-        done = subprocess.run(line, env=environment, capture_output=True, text=True,
-                              timeout=LIMIT, check=False)
-        sizes = done.stdout.split()
-    except subprocess.TimeoutExpired:
-        sizes = ["no answer"]
+        return False, "mpiexec: not on the path", (
+            "install the MPI of mpi4py, or start ranks as described for your cluster (srun)")
     if refuses_root(mpi):
-        return Finding(False, f"{path}: Open MPI refuses to start as root", "export "
-                       + " ".join(f"{name}=1" for name in ALLOW_ROOT) + ", or use another account")
-    return Finding(sizes == ["2", "2"], f"{path} starts 2 ranks that see "
-                   f"{' and '.join(sizes) or 'nothing'}", "mpiexec must belong to the MPI of "
-                   "mpi4py: two ranks that each see 1 are two runs")
+        return False, f"{path}: Open MPI refuses to start as root", "export " + " ".join(
+            f"{name}=1" for name in ALLOW_ROOT) + ", or use another account"
+    from .runs.run_on_ranks import python
+
+    try:
+        sizes = python(2, "-c", RANKS, check=False, timeout=LIMIT, text=True,
+                       stdout=subprocess.PIPE, stderr=subprocess.DEVNULL).stdout.split()
+    except subprocess.TimeoutExpired:
+        sizes = []
+    return sizes == ["2", "2"], f"{path} starts 2 ranks, which see {sizes or 'nothing'}", (
+        "use the mpiexec of the MPI of mpi4py: two ranks that each see 1 are two separate runs")
 
 
 def main():
-    """Print the findings; return 0 where pgran can run, else 1."""
-    from . import __version__
-
+    """Print the checks; return 0 if pgran can run, else 1."""
     print(f"pgran {__version__}, {sys.executable}")
-    good = True
-    for finding in examined():
-        good = good and finding.good
-        print(f"  {'ok ' if finding.good else 'BAD'} {finding.text}"
-              + ("" if finding.good else f"\n      -> {finding.cure}"), flush=True)
-    print("all fits together" if good else "not all fits together: see the arrows")
-    return int(not good)
+    all_good = True
+    for good, text, remedy in check():
+        all_good = all_good and good
+        print(f"  {'ok ' if good else 'BAD'} {text}" + ("" if good else f"\n      -> {remedy}"),
+              flush=True)
+    print("installation OK" if all_good else "installation has problems: see the arrows")
+    return int(not all_good)

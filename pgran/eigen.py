@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from . import cases
-from .cli import JSON, REPORTED_ERRORS, as_json, command_option, report_unread, start
+from .cli import JSON, REPORTED_ERRORS, as_json, command_option, report_unused, start
 from .options import OptionError
 
 OPTIONS = (
@@ -91,7 +91,7 @@ def run(parameters, args, comm):
             k = np.array(args.wave_vector or spectrum.fastest(parameters))
         form, rows, modes = (linearised.spectrum(parameters, comm, args.dt) if moving else
                              spectrum.spectrum(parameters, comm, k, args.target))
-        report_unread(comm)
+        report_unused(comm)
     except ValueError as problem:
         if isinstance(problem, REPORTED_ERRORS):
             raise

@@ -8,7 +8,7 @@ is not in the paper: it shows growth rates of a specimen between slipping plates
 
 import sys
 
-from .cli import answer, command_option
+from .cli import command_option, run_without_petsc
 
 OPTIONS = (command_option("output", "str", "directory of the pictures", "results/figures"),
            command_option("results", "str", "directory of the runs of figures 3 to 7",
@@ -24,7 +24,7 @@ def run(args, names):
 
 def main(arguments):
     """Draw the figures named in ``arguments``; return the exit code."""
-    return answer(arguments, "figures", run, __doc__, OPTIONS, operands="fig1 ... fig9")
+    return run_without_petsc(arguments, "figures", run, __doc__, OPTIONS, operands="fig1 ... fig9")
 
 
 if __name__ == "__main__":

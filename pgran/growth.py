@@ -13,7 +13,7 @@ of the creep-buckling column are printed for comparison.
 
 import sys
 
-from .cli import JSON, as_json, command_option, report_unread, start
+from .cli import JSON, as_json, command_option, report_unused, start
 from .options import OptionError, ParameterError
 
 OPTIONS = (
@@ -50,7 +50,7 @@ def run(parameters, args, comm):
         modes = linearised.fastest_modes(form, dt, without)
         rows.append({"dt": dt, "growth_rates": [[rate.real, rate.imag] for rate, _, _ in modes],
                      "residuals": [residual for _, residual, _ in modes]})
-    report_unread(comm)
+    report_unused(comm)
     files = ()
     if modes and args.mode:
         rate, _, mode = modes[0]

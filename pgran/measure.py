@@ -10,7 +10,7 @@ differ only by meshes, at common material points. Each mesh must divide the prev
 
 import sys
 
-from .cli import JSON, answer, as_json, command_option
+from .cli import JSON, as_json, command_option, run_without_petsc
 from .options import OptionError, plain
 from .output import band
 from .output.reader import ResultError
@@ -79,7 +79,7 @@ def run(args, paths):
 
 def main(arguments):
     """Measure the files named in ``arguments``; return the exit code."""
-    return answer(arguments, "measure", run, __doc__, OPTIONS, operands="NAME.h5")
+    return run_without_petsc(arguments, "measure", run, __doc__, OPTIONS, operands="NAME.h5")
 
 
 if __name__ == "__main__":

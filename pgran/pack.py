@@ -9,7 +9,7 @@ import os
 import sys
 from pathlib import Path
 
-from .cli import answer
+from .cli import run_without_petsc
 from .options import OptionError
 from .output import vtkhdf
 from .output.files import Draft
@@ -58,7 +58,7 @@ def run(args, paths):
 
 def main(arguments):
     """Pack the file named in ``arguments``; return the exit code."""
-    return answer(arguments, "pack", run, __doc__, (), operands="NAME.h5 OUT.h5")
+    return run_without_petsc(arguments, "pack", run, __doc__, (), operands="NAME.h5 OUT.h5")
 
 
 if __name__ == "__main__":

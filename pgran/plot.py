@@ -17,7 +17,7 @@ Quantities:
 import sys
 from pathlib import Path
 
-from .cli import answer, command_option
+from .cli import command_option, run_without_petsc
 from .options import OptionError
 from .output.result import QUANTITIES, Result
 
@@ -95,7 +95,7 @@ def drawn(args, paths):
 
 def main(arguments):
     """Draw the files named in ``arguments``; return the exit code."""
-    return answer(arguments, "plot", run, __doc__, OPTIONS, operands="NAME.h5")
+    return run_without_petsc(arguments, "plot", run, __doc__, OPTIONS, operands="NAME.h5")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The commands that an installation puts on the path: each is a module as `python -m` runs it."""
+"""The commands of an installation; each runs a module as `python -m` does."""
 
 import runpy
 from functools import partial

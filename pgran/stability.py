@@ -24,7 +24,7 @@ import sys
 
 import numpy as np
 
-from .cli import JSON, answer, as_json, command_option
+from .cli import JSON, as_json, command_option, run_without_petsc
 from .options import OptionError
 from .theory import specimen, turning, waves
 from .theory.waves import BASE_FLOWS, Coefficients
@@ -197,7 +197,7 @@ def run(parameters, args):
 
 def main(arguments):
     """Analyse the command line ``arguments``; return the exit code."""
-    return answer(arguments, "stability", run, __doc__, OPTIONS, runs=True)
+    return run_without_petsc(arguments, "stability", run, __doc__, OPTIONS, runs=True)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,20 @@
-"""What differs between the generations of PETSc: 3.18 (Debian 12) to 3.26 (PyPI).
+"""Differences between the versions of PETSc from 3.18 (Debian 12) to 3.26 (PyPI).
 
-All else is the same code on both. PETSc is imported when a function is called, because commands
-start it with their own arguments.
+Functions import PETSc when they are called, because commands start it with their arguments.
 """
 
 import ctypes
 
-#: What every command starts PETSc with: 3.26 lists options that nothing has read on standard output
-#: when it ends with an error, 3.18 does not; pgran reports them itself.
+#: Arguments of PETSc in all commands. PETSc 3.26 lists unused options on standard output when it
+#: ends with an error, 3.18 does not; pgran reports them itself.
 FIRST = "-options_left", "0"
 
 
 def callback_error(error):
-    """Return what PETSc or a Python callback has raised, from what Python saw after it.
+    """Return the original error of PETSc or of a Python callback.
 
-    petsc4py 3.26 wraps what a callback raises in PETSc.Error, and 3.18 lets it through. slepc4py
-    3.26 wraps what SLEPc raises in SystemError.
+    petsc4py 3.26 wraps errors of callbacks in PETSc.Error, 3.18 does not. slepc4py 3.26 wraps
+    errors of SLEPc in SystemError.
     """
     from petsc4py import PETSc
 
@@ -27,7 +26,7 @@ def callback_error(error):
 
 
 def set_schur_matrix(pc, matrix):
-    """Let PCFIELDSPLIT precondition the Schur complement by a matrix."""
+    """Set the matrix from which PCFIELDSPLIT preconditions the Schur complement."""
     from petsc4py import PETSc
 
     kinds = getattr(PETSc.PC, "FieldSplitSchurPreType", None) or PETSc.PC.SchurPreType
@@ -35,9 +34,10 @@ def set_schur_matrix(pc, matrix):
 
 
 def was_read(name):
-    """Return whether PETSc has read an option; petsc4py 3.18 cannot tell, so the library is asked.
+    """Return whether PETSc has read an option, from the C library as petsc4py 3.18 lacks it.
 
-    A C bool of one byte (3.26) and an enumeration of four (3.18) both fill an integer of zeros.
+    The result is a C bool of one byte (3.26) or an enumeration of four (3.18); both fit an integer
+    that is initially zero.
     """
     from petsc4py import PETSc
 

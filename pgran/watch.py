@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from .cli import answer, command_option
+from .cli import command_option, run_without_petsc
 from .options import OptionError, not_among
 from .output import progress
 from .output.files import is_running
@@ -113,7 +113,7 @@ def run(args, paths):
 
 def main(arguments):
     """Monitor the files named in ``arguments``; return the exit code."""
-    return answer(arguments, "watch", run, __doc__, OPTIONS, operands="NAME.h5")
+    return run_without_petsc(arguments, "watch", run, __doc__, OPTIONS, operands="NAME.h5")
 
 
 if __name__ == "__main__":

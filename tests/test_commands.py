@@ -1,9 +1,10 @@
-"""Commands run what their command line asks for, or print how they are used."""
+"""Commands: help, version, the choice of output and solver, and options that have no effect."""
 
 import pytest
-from conftest import ROOT, run_ranks
+from conftest import ROOT, pgran as run_pgran, run_ranks
 
 import pgran
+from pgran.cli import HELP, VERSION
 
 COMMANDS = ("pgran", *(f"pgran.{name}" for name in (
     "eigen", "growth", "stability", "measure", "plot", "watch", "figures")))
@@ -13,35 +14,33 @@ SHORT = ("-options_file", str(ROOT / "options" / "direct.opts"), "-pgran_element
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_without_arguments_prints_its_usage_and_one_with_version_the_version(command,
-                                                                                       tmp_path):
-    code = ("import os, runpy, sys; os.chdir(sys.argv.pop(1)); module = sys.argv.pop(1); "
-            "runpy.run_module(module, run_name='__main__', alter_sys=True)")
-    bare = run_ranks(0, "-c", code, tmp_path, command, limit=60, check=False)
+def test_every_command_prints_its_help_and_its_version(command):
+    bare = run_ranks(0, "-m", command, limit=60, check=False)
     assert bare.returncode == 1 and "python -m" in bare.stdout and not bare.stderr
-    for flag in ("-version", "--version"):
-        done = run_ranks(0, "-c", code, tmp_path, command, flag, limit=60)
+    helps = {run_ranks(0, "-m", command, flag, limit=60).stdout for flag in HELP}
+    assert helps == {bare.stdout}
+    for flag in VERSION:
+        done = run_ranks(0, "-m", command, flag, limit=60)
         assert done.stdout == f"pgran {pgran.__version__}\n" and not done.stderr
-    assert not list(tmp_path.iterdir())
 
 
-def test_usage_and_version_are_printed_once_on_ranks():
+def test_help_and_version_are_printed_once_on_ranks():
     assert run_ranks(2, "-m", "pgran", "-version", limit=60).stdout == (
         f"pgran {pgran.__version__}\n")
-    bare = run_ranks(2, "-m", "pgran", limit=60, check=False)
-    assert bare.returncode == 1 and bare.stdout.count("Options of a run:") == 1
+    text = run_ranks(2, "-m", "pgran", limit=60, check=False).stdout
+    assert text.count("Options of a run:") == 1 and 15 <= len(text.splitlines()) <= 25
+    for word in ("-options_file", "-help all", "-doctor", "docs/options.md", "biaxial", "ngf"):
+        assert word in text
 
 
-@pytest.mark.parametrize("name, wanted", [("-doctr", "-doctor"), ("-verson", "-version")])
-def test_a_misspelt_request_does_not_start_a_run(name, wanted, tmp_path):
-    done = run_ranks(0, "-m", "pgran", name, "-pgran_output", tmp_path / "x.h5", limit=60,
-                     check=False)
-    assert done.returncode == 1 and f"did you mean {wanted}?" in done.stderr
-    assert not list(tmp_path.iterdir())
+def test_an_error_is_reported_once_on_ranks(tmp_path):
+    done = run_ranks(3, "-m", "pgran", "-pgran_output", tmp_path / "x.h5", "-pgran_width", 2,
+                     "-pgran_height", 4, limit=60, check=False)
+    assert done.returncode == 1 and not list(tmp_path.iterdir())
+    assert done.stderr.count("3 ranks are too many for 1 x 2 elements") == 1
 
 
-def test_a_command_in_a_process_that_has_petsc_obeys_its_command_line(tmp_path):
-    """Its options hold, those of the process do not, and these are there again afterwards."""
+def test_a_command_in_a_process_with_petsc_uses_only_its_own_options(tmp_path):
     code = ("import sys, petsc4py; petsc4py.init(['other', '-pgran_width', '48'])\n"
             "from petsc4py import PETSc\n"
             "from pgran.__main__ import main\n"
@@ -84,30 +83,44 @@ def test_a_steady_run_from_a_snapshot_writes_the_output_of_its_options_file(tmp_
     assert (tmp_path / "time.h5").read_bytes() == before
 
 
-def test_launch_refuses_another_result_file_than_its_own(tmp_path):
-    done = run_ranks(0, "-m", "pgran.runs.run_on_ranks", tmp_path / "a.h5", SHORT[1],
-                     "-pgran_output", tmp_path / "b.h5", limit=60, check=False)
-    assert done.returncode == 1 and not list(tmp_path.iterdir())
-    assert f"-pgran_output {tmp_path}/b.h5: the result file of this run is {tmp_path}/a.h5" in (
-        done.stderr)
+@pytest.mark.parametrize("given", [{}, {"model": "li", "shear_modulus": 200},
+                                   {"case": "planar_shear", "height": 4}], ids=str)
+def test_python_and_the_command_line_choose_the_same_solver(tmp_path, given):
+    given = {"element_size": 2 if given.get("case") else 20, "output": tmp_path / "a.h5", **given}
+    words = [word for name, text in given.items() for word in (f"-pgran_{name}", text)]
+    steady = ("-ts_type", "pseudo") if "case" in given else ("-pgran_compression", 1e-4)
+    done = run_ranks(0, "-m", "pgran", *words, *steady, "-pgran_step_first", 1e-3)
+    assert "no -pc_type is given; using the solver of options/" in done.stdout
+    more = {} if "case" in given else {"compression": 1e-4}
+    result = pgran.run(**{**given, "output": tmp_path / "b.h5", "step_first": 1e-3, **more})
+    solvers = [set(found.attributes["solver_options"].split("\n")) - {"-ts_type beuler"}
+               for found in (result, pgran.open(tmp_path / "a.h5"))]
+    assert solvers[0] == solvers[1]
 
 
 @pytest.mark.parametrize("command, given, message", [
-    ("pgran", [*SHORT, "-ts_dt", "1e-4"], "-ts_dt 1e-4: the size of a step follows from "
-     "-pgran_step_first"),
-    ("pgran.growth", ["-pgran_restart", "x.h5"], "-pgran_restart x.h5: not allowed"),
-    ("pgran.stability", ["-cutoff", "-parity", "barrel"], "-parity: allowed only with -specimen"),
-    ("pgran.stability", ["-posedness", "-base_flow", "simple_shear"], "-base_flow: allowed only"),
-    ("pgran.stability", ["-wave_vector", "0.1,0.1", "-end", "2"], "-end: allowed only with")])
-def test_an_option_that_would_be_ignored_is_refused(command, given, message, tmp_path):
-    output = ("-pgran_output", tmp_path / "x.h5") if command == "pgran" else ()
-    done = run_ranks(0, "-m", command, *given, *output, limit=60, check=False)
+    ("pgran.runs.run_on_ranks", ["{}/a.h5", SHORT[1], "-pgran_output", "{}/b.h5"],
+     "b.h5: the result file of this run is "),
+    ("pgran.growth", ["-pgran_restart", "x.h5"], "-pgran_restart x.h5: the reference flow"),
+    ("pgran.stability", ["-cutoff", "-parity", "barrel"], "-parity: "),
+    ("pgran.stability", ["-posedness", "-base_flow", "simple_shear"], "-base_flow: "),
+    ("pgran.stability", ["-wave_vector", "0.1,0.1", "-end", "2"], "-end 2: ")])
+def test_an_option_that_would_have_no_effect_is_refused(command, given, message, tmp_path):
+    given = [text.format(tmp_path) for text in given]
+    done = run_ranks(0, "-m", command, *given, limit=60, check=False)
     assert done.returncode == 1 and message in done.stderr, done.stderr
     assert not list(tmp_path.iterdir())
 
 
-def test_an_options_file_of_multigrid_after_one_of_mumps_gives_no_note(tmp_path):
-    done = run_ranks(0, "-m", "pgran", "-options_file", ROOT / "options" / "planar_shear.opts",
-                     "-options_file", ROOT / "options" / "flows_mg.opts", "-pgran_height", 4,
-                     "-pgran_output", tmp_path / "x.h5", limit=60)
-    assert "nothing has read" not in done.stderr
+def test_unused_options_of_petsc_are_reported_with_a_suggestion(tmp_path):
+    done = run_ranks(0, "-m", "pgran", *SHORT, "-pgran_output", tmp_path / "x.h5", "-snes_rtoll",
+                     1, "-log_viwe", "-log_view", "-ts_view", "-vec_nosuch", "x", limit=60)
+    assert done.stderr == (
+        "pgran: warning: unused PETSc option(s): -log_viwe (did you mean -log_view?), "
+        "-snes_rtoll 1 (did you mean -snes_rtol?), -vec_nosuch x\n")
+
+
+def test_an_options_file_of_multigrid_after_one_of_mumps_gives_no_warning(tmp_path):
+    done = run_pgran(0, "planar_shear.opts", tmp_path / "x.h5", "-options_file",
+                     ROOT / "options" / "flows_mg.opts", "-pgran_height", 4, limit=60)
+    assert "unused" not in done.stderr

@@ -1,4 +1,4 @@
-"""The examples do what they say, at tiny size; the notebooks are the scripts."""
+"""The examples run at a tiny size, and the notebooks agree with the scripts."""
 
 import json
 import os
@@ -13,22 +13,15 @@ import pgran
 from pgran.runs import sweep
 
 EXAMPLES = ROOT / "docs" / "examples"
-#: What makes the runs tiny, by example.
+#: Options for tiny runs of each example.
 TINY = {"band": {"width": 8, "height": 24, "compression": 0.002, "snapshots": [0.001, 0.002]},
         "own_law": {"width": 8, "height": 24, "compression": 0.002, "snapshots": [0.002]},
         "sweep": {"width": 8, "height": 24, "compression": 0.001, "snapshots": [0.001]},
         "band_theory": {}, "stopping_slope": {}}
 
 
-@pytest.fixture
-def notebooks(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "docs"))
-    import notebooks
-    return notebooks
-
-
 @pytest.mark.parametrize("name", TINY)
-def test_an_example_runs_and_says_what_it_found(name, tmp_path, monkeypatch, capsys):
+def test_an_example_runs_and_prints_its_result(name, tmp_path, monkeypatch, capsys):
     matplotlib.use("Agg")
     tiny = TINY[name]
     monkeypatch.setattr(pgran, "run", lambda output=None, **given: sweep.run(
@@ -51,7 +44,10 @@ def test_an_example_runs_and_says_what_it_found(name, tmp_path, monkeypatch, cap
     assert "power_law" not in sys.modules or sys.modules.pop("power_law")
 
 
-def test_notebooks_are_the_scripts(notebooks):
+def test_notebooks_agree_with_the_scripts(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    import notebooks
+
     paths = notebooks.scripts()
     assert {path.stem for path in paths} == set(TINY)
     for path in paths:

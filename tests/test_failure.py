@@ -166,7 +166,7 @@ def test_when_one_rank_fails_all_stop(tmp_path, method, rank, fault, message):
 
 def test_an_error_that_all_ranks_meet_is_told_once(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "from pgran.cases.biaxial import Biaxial\nclass Mine(Biaxial):\n    rows = Biaxial.options\n"
+        "from pgran.cases.biaxial import Biaxial\nclass Mine(Biaxial):\n    options = Biaxial.options\n"
         "    def tractions(self, time):\n        return {'left': 1 / 0}\n")
     done = run_ranks(3, "-m", "pgran", "-pgran_case", f"{tmp_path / 'mine.py'}:Mine", *COARSE,
                      "-pgran_output", tmp_path / "run.h5", check=False, limit=60)
@@ -180,8 +180,8 @@ def test_an_error_that_all_ranks_meet_is_told_once(tmp_path):
     "mu reaches", "MUMPS may not use the memory", "departs", "a free face reaches a plate",
     "turned inside out", "another run writes it", "No space left on device",
     "it was removed while the run wrote it", "it has no checkpoint to resume from",
-    "passed over a damaged checkpoint", "a restarted run cannot change", "no such option",
-    "nothing has read", "no -pc_type is given", "failed and others did not", "not enough memory",
+    "skipped a damaged checkpoint", "a restarted run cannot change", "unknown option",
+    "unused PETSc option", "no -pc_type is given", "failed and others did not", "not enough memory",
     "GB a rank", "the first step, a tenth of the time of elastic loading", "stopped by SIGTERM",
     "not a pgran result file", "no eigenvalue converged", "ranks are too many",
     "two times to reach lie closer", "is NaN or infinite at", "nothing to go on from",

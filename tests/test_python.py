@@ -1,4 +1,4 @@
-"""From Python: a run gives its result, a sweep its table, and neither does its work twice."""
+"""Runs and sweeps from Python: results, reuse of completed runs, errors, signals and threads."""
 
 import copy
 import gc
@@ -17,56 +17,52 @@ import pytest
 from conftest import run_ranks
 
 import pgran
-from pgran.options import Interrupted, OptionError, ParameterError, SolutionError
+from pgran.options import Interrupted, OptionError, ParameterError, SolutionError, shipped
 from pgran.output.reader import ResultError
-from pgran.runs import sweep
 from pgran.signals import SIGNALS
 
 SMALL = {"width": 8, "height": 24, "compression": 0.001}
 
 
-def test_a_run_gives_a_result_and_is_not_made_twice(tmp_path):
-    result = pgran.run(tmp_path / "a.h5", inertial_number=0.003, snapshots=[0.0005, 0.001], **SMALL)
-    assert result.complete and result.options["inertial_number"] == 0.003
-    assert [round(s.attributes["compression"], 6) for s in result.snapshots] == [0.0005, 0.001]
-    assert result.history["compression"][-1] == pytest.approx(0.001)
-    begun = (tmp_path / "a.h5").stat().st_mtime_ns
-    again = pgran.run(tmp_path / "a.h5", inertial_number=0.003, snapshots=[0.0005, 0.001], **SMALL)
-    assert (tmp_path / "a.h5").stat().st_mtime_ns == begun
-    assert np.array_equal(again.snapshots[-1]["pressure"], result.snapshots[-1]["pressure"])
-    on_ranks = pgran.run(tmp_path / "b.h5", inertial_number=0.003, snapshots=[0.0005, 0.001],
-                         ranks=2, **SMALL)
-    assert on_ranks.attributes["ranks"] == 2
-    assert on_ranks.snapshots[-1]["pressure"] == pytest.approx(result.snapshots[-1]["pressure"],
-                                                               rel=1e-5)
-
-
-def test_a_run_in_this_process_is_that_of_its_own_and_leaves_it_as_it_was(tmp_path):
+def test_runs_in_this_process_separate_and_on_ranks_agree_and_are_reused(tmp_path):
     from petsc4py import PETSc
 
     options = PETSc.Options()
     options.setValue("mine", "of the caller")
-    names = list(options.getAll())
-    handlers = [signal.getsignal(number) for number in SIGNALS]
-    paths = [tmp_path / f"{name}.h5" for name in ("here", "own", "again")]
-    results = [pgran.run(path, ranks=ranks, **SMALL) for path, ranks in zip(paths, (None, 0, None))]
-    for other in results[1:]:
+    state = [*options.getAll(), *map(signal.getsignal, SIGNALS)]
+    given = {"inertial_number": 0.003, "snapshots": [0.0005, 0.001], **SMALL}
+    first, again, separate, on_ranks = (pgran.run(tmp_path / f"{ranks}{n}.h5", ranks=ranks, **given)
+                                        for n, ranks in enumerate((None, None, 0, 2)))
+    assert first.complete and first.options["inertial_number"] == 0.003
+    assert [round(s.attributes["compression"], 6) for s in first.snapshots] == [0.0005, 0.001]
+    for other in (again, separate):
         for name, values in other.history.items():
-            assert np.array_equal(values, results[0].history[name])
-        assert np.array_equal(other.snapshots[-1]["fluidity"], results[0].snapshots[-1]["fluidity"])
-    assert list(options.getAll()) == names and options.getString("mine") == "of the caller"
-    assert handlers == [signal.getsignal(number) for number in SIGNALS]
+            assert np.array_equal(values, first.history[name])
+        assert np.array_equal(other.snapshots[-1]["fluidity"], first.snapshots[-1]["fluidity"])
+    assert on_ranks.attributes["ranks"] == 2
+    assert on_ranks.snapshots[-1]["pressure"] == pytest.approx(first.snapshots[-1]["pressure"],
+                                                               rel=1e-5)
+    assert state == [*options.getAll(), *map(signal.getsignal, SIGNALS)]
+    assert options.getString("mine") == "of the caller"
     options.delValue("mine")
+    written = first.path.stat().st_mtime_ns
+    assert pgran.run(first.path, **given).complete and first.path.stat().st_mtime_ns == written
 
 
-def test_a_script_on_ranks_runs_on_all_of_them(tmp_path):
+def test_a_script_on_ranks_runs_on_all_ranks_and_only_in_the_main_thread(tmp_path):
     script = (f"import os, pgran; result = pgran.run({str(tmp_path / 'both.h5')!r}, **{SMALL}); "
               "os.write(1, b' %d ' % result.attributes['ranks'])")
     assert run_ranks(2, "-c", script, limit=60).stdout.split() == ["2", "2"]
-    assert run_ranks(2, "-c", script, limit=60).stdout.split() == ["2", "2"]  # it is in place
+    assert run_ranks(2, "-c", script, limit=60).stdout.split() == ["2", "2"]  # reused
+    thread = ("import os, threading, pgran, pgran.options\n"
+              "def run():\n"
+              f"    try: pgran.run({str(tmp_path / 'x.h5')!r}, **{SMALL})\n"
+              "    except pgran.options.OptionError as error: os.write(1, b'refused ')\n"
+              "thread = threading.Thread(target=run); thread.start(); thread.join()")
+    assert run_ranks(2, "-c", thread, limit=60).stdout.split() == ["refused"] * 2
 
 
-def test_a_signal_stops_a_run_in_this_process_which_the_same_call_goes_on_with(tmp_path):
+def test_a_signal_stops_a_run_in_this_process_and_the_same_call_resumes_it(tmp_path):
     path, more = tmp_path / "run.h5", {**SMALL, "element_size": 1, "step_max": 2e-4}
 
     def ask():
@@ -80,39 +76,32 @@ def test_a_signal_stops_a_run_in_this_process_which_the_same_call_goes_on_with(t
         pgran.run(path, **more)
     thread.join()
     assert not pgran.open(path).complete
-    whole = pgran.run(tmp_path / "whole.h5", **more)
+    complete = pgran.run(tmp_path / "complete.h5", **more)
     assert pgran.run(path, **more).snapshots[-1]["pressure"] == pytest.approx(
-        whole.snapshots[-1]["pressure"], rel=1e-6)
+        complete.snapshots[-1]["pressure"], rel=1e-6)
 
 
-def test_a_result_refuses_the_data_of_a_later_run_in_its_file(tmp_path, monkeypatch):
+def test_results_are_absolute_and_refuse_the_data_of_a_later_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
     first = pgran.run(inertial_number=0.001, **SMALL)
     second = pgran.run(inertial_number=0.01, **SMALL)
+    found = pgran.sweep({"inertial_number": [0.001]}, directory="b", **SMALL)
+    monkeypatch.chdir(tmp_path / "elsewhere")
     assert first.path == second.path == tmp_path / "results" / "biaxial.h5"
-    with pytest.raises(ResultError, match="another run has replaced the run"):
-        first.snapshots[-1]["pressure"]
-    with pytest.raises(ResultError, match="another run has replaced the run"):
-        tuple(first.snapshots[-1].names)
+    for read in (lambda: first.snapshots[-1]["pressure"], lambda: tuple(first.snapshots[-1].names)):
+        with pytest.raises(ResultError, match="another run has replaced the run"):
+            read()
     assert second.snapshots[-1]["inertial_number"].mean() > 0.005
     assert pgran.open(tmp_path / "results" / "biaxial.1.h5").snapshots[-1][
         "inertial_number"].mean() < 0.002
-
-
-def test_results_and_sweeps_do_not_depend_on_the_current_directory(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "elsewhere").mkdir()
-    result = pgran.run("a.h5", **SMALL)
-    found = pgran.sweep({"inertial_number": [0.001]}, directory="b", **SMALL)
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    assert result.path == tmp_path / "a.h5" and result.snapshots[-1]["pressure"].mean() > 0.0
     assert [row["complete"] for row in found.rows()] == [True]
     pgran.run(found.paths[0], inertial_number=0.01, **SMALL)
     with pytest.raises(ResultError, match="another run"):
         found.rows()
 
 
-def test_bad_options_are_told_before_anything_runs(tmp_path):
+def test_invalid_options_are_reported_before_anything_runs(tmp_path):
     with pytest.raises(ParameterError, match="inertial_number"):
         pgran.run(tmp_path / "x.h5", inertial_number=-1)
     with pytest.raises((OptionError, ParameterError)):
@@ -123,8 +112,8 @@ def test_bad_options_are_told_before_anything_runs(tmp_path):
         pgran.run(tmp_path / "y.h5", petsc={"snes_max_it": 1}, step_min=5e-5, ranks=0, **SMALL)
     with pytest.raises(SolutionError, match="step"):
         pgran.run(tmp_path / "z.h5", petsc={"snes_max_it": 1}, step_min=5e-5, **SMALL)
-    with pytest.raises(OptionError, match="did you mean -snes_atol"):
-        pgran.run(tmp_path / "x.h5", petsc={"snes_atl": 1e-6}, **SMALL)
+    with pytest.raises(OptionError, match="-log_view: PETSc reads this option only when it starts"):
+        pgran.run(tmp_path / "x.h5", petsc={"log_view": ""}, **SMALL)
     assert not (tmp_path / "x.h5").exists() and not list(tmp_path.glob("inertial*"))
 
 
@@ -143,34 +132,32 @@ def test_a_sweep_resumes_and_gives_a_table(tmp_path, monkeypatch):
     assert full[1].parameters.law == "jop" and full[2].options["inertial_number"] == 0.01
     assert str(full).count("\n") == 5
     monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "4")
-    with pytest.raises(OptionError, match="task 4: allowed is 0 to 3"):
+    with pytest.raises(OptionError, match="task 4: must be >= 0 and <= 3"):
         pgran.sweep(grid, directory=tmp_path, **SMALL)
 
 
-def test_what_fails_in_a_sweep_is_told_and_the_rest_is_made(tmp_path):
-    found = pgran.sweep({"step_min": [1e-8, 6e-5]}, directory=tmp_path, petsc={"snes_max_it": 3},
-                        **SMALL)
-    assert list(found.failures) == [1] or list(found.failures) == [0, 1]
-    assert "exit code 1" in found.failures[1]
-
-
-def test_shipped_options_are_found():
-    assert sweep.shipped("biaxial").name == "biaxial.opts" and sweep.shipped("nosuch") is None
+def test_a_sweep_runs_equal_points_once_and_reports_failures(tmp_path):
+    found = pgran.sweep({"step_min": [1e-8, 6e-5, 6e-5]}, directory=tmp_path, workers=2,
+                        petsc={"snes_max_it": 3}, **SMALL)
+    assert list(found.failures)[-2:] == [1, 2] and "exit code 1" in found.failures[1]
+    assert found.paths[1] == found.paths[2] and len(found.rows()) == 3
+    with pytest.raises(OptionError, match="results of a sweep are named after their points"):
+        pgran.sweep({"inertial_number": [0.001]}, directory=tmp_path, output="x.h5", **SMALL)
 
 
 def live():
-    """How many objects of PETSc and of the solver Python holds."""
+    """The number of objects of PETSc and of the solver that Python holds."""
     gc.collect()
     return sum(str(type(thing).__module__).startswith(("petsc4py", "pgran.solve", "pgran.space"))
                for thing in gc.get_objects())
 
 
 @pytest.mark.parametrize("more", [
-    {}, {"petsc": {"options_file": sweep.shipped("large")}},
-    {"options_file": sweep.shipped("direct")}, {"options_file": sweep.shipped("steady")},
+    {}, {"petsc": {"options_file": shipped("large")}},
+    {"options_file": shipped("direct")}, {"options_file": shipped("steady")},
     {"petsc": {"snes_max_it": 1}, "step_min": 5e-5}],
     ids=["multigrid", "coarse correction", "direct", "steady", "fails"])
-def test_a_run_in_this_process_leaves_no_objects_behind(tmp_path, more):
+def test_a_run_in_this_process_frees_its_objects(tmp_path, more):
     counts = []
     for number in range(3):
         with suppress(SolutionError):
@@ -180,8 +167,8 @@ def test_a_run_in_this_process_leaves_no_objects_behind(tmp_path, more):
     assert counts[2] == counts[1] and ("step_min" in more or counts[0] == counts[1])
 
 
-def test_threads_that_run_at_the_same_time_get_their_own_results(tmp_path):
-    """With files of their own, and with one file."""
+def test_simultaneous_threads_get_separate_results(tmp_path):
+    """In separate files, and in the same file."""
     def run(number):
         path = tmp_path / ("one" if number > 3 else f"{number}.h5")
         return pgran.run(path.with_suffix(".h5"), element_size=4, inertial_number=wanted[number],
@@ -194,41 +181,31 @@ def test_threads_that_run_at_the_same_time_get_their_own_results(tmp_path):
     assert all(result.complete for result in found)
 
 
-def test_a_run_on_ranks_is_refused_in_a_thread(tmp_path):
-    script = ("import os, threading, pgran\n"
-              "def run():\n"
-              f"    try: pgran.run({str(tmp_path / 'x.h5')!r}, **{SMALL})\n"
-              "    except pgran.options.OptionError as error: os.write(1, b'refused ')\n"
-              "import pgran.options\n"
-              "thread = threading.Thread(target=run); thread.start(); thread.join()")
-    assert run_ranks(2, "-c", script, limit=60).stdout.split() == ["refused"] * 2
-
-
-def own_case(folder, elements=4):
-    """Write a file with a case that is a periodic cell; return the text that names it."""
+def user_case(folder, elements=4):
+    """Write a file with a user-defined case, a periodic cell; return its name."""
     (folder / "cell.py").write_text(f"from pgran.cases.periodic import Periodic\n"
                                     f"class Cell(Periodic):\n    shape = {elements}, 4\n")
     return f"{folder}/cell.py:Cell"
 
 
-def test_a_run_of_a_case_from_a_file_is_made_again_only_when_the_file_changes(tmp_path):
+def test_a_run_of_a_user_defined_case_is_repeated_only_when_its_file_changes(tmp_path):
     more = {"end_time": 0.001, "step_max": 5e-4, "imperfection": 1}
-    case = own_case(tmp_path)
+    case = user_case(tmp_path)
     first = pgran.run(tmp_path / "a.h5", case=case, **more)
     begun, shape = first.path.stat().st_mtime_ns, first.snapshots[-1].x.shape
     assert pgran.run(tmp_path / "a.h5", case=case, **more).complete
     assert first.path.stat().st_mtime_ns == begun
-    own_case(tmp_path, elements=6)
+    user_case(tmp_path, elements=6)
     again = pgran.run(tmp_path / "a.h5", case=case, **more)
     assert [shape, again.snapshots[-1].x.shape] == [(8, 8, 2), (8, 12, 2)]
 
 
 def test_results_can_be_pickled(tmp_path):
-    case = own_case(tmp_path)
+    case = user_case(tmp_path)
     for path, more in ((tmp_path / "a.h5", SMALL), (tmp_path / "b.h5", {
             "case": case, "end_time": 0.001, "imperfection": 1})):
         result = pgran.run(path, **more)
-        result.case, result.snapshots[-1]["pressure"]  # are kept once they are read
+        result.case, result.snapshots[-1]["pressure"]  # are cached
         again = pickle.loads(pickle.dumps(result))
         assert again.parameters == result.parameters and again.options == result.options
         assert again.parameters.part("case") is result.parameters.part("case")
@@ -238,16 +215,7 @@ def test_results_can_be_pickled(tmp_path):
         assert copy.deepcopy(result.parameters) == result.parameters
 
 
-def test_a_sweep_makes_equal_points_once(tmp_path):
-    found = pgran.sweep({"inertial_number": [0.001, 0.001, 0.002]}, directory=tmp_path, workers=2,
-                        **SMALL)
-    assert not found.failures and [row["complete"] for row in found.rows()] == [True] * 3
-    assert len(list(tmp_path.glob("inertial_number_0.00?.h5"))) == 2
-    with pytest.raises(OptionError, match="results of a sweep are named by their points"):
-        pgran.sweep({"inertial_number": [0.001]}, directory=tmp_path, output="x.h5", **SMALL)
-
-
-def test_a_locale_with_a_decimal_comma_changes_nothing(tmp_path):
+def test_a_locale_with_a_decimal_comma_has_no_effect(tmp_path):
     """PETSc reads numbers as the locale writes them."""
     made = subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", tmp_path / "de_DE.UTF-8"],
                           check=False, capture_output=True) if shutil.which("localedef") else None
@@ -264,8 +232,3 @@ def test_a_locale_with_a_decimal_comma_changes_nothing(tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LOCPATH", str(tmp_path))
         run_ranks(0, "-c", script, limit=60)
-
-
-def test_options_that_petsc_reads_only_when_it_starts_are_refused_in_this_process(tmp_path):
-    with pytest.raises(OptionError, match="-log_view: PETSc reads this option only when it starts"):
-        pgran.run(tmp_path / "a.h5", petsc={"log_view": ""}, **SMALL)

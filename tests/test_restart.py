@@ -229,7 +229,7 @@ def test_what_a_restart_may_not_change_is_named(tmp_path):
     refused(done, "-pgran_mu_s (here 0.4, there 0.3819), -pgran_width (here 80, there 40.0)")
     done = pgran(0, "direct.opts", path, "-pgran_restart", path, "-pgran_compression", 1e-5,
                  check=False)
-    refused(done, "lies beyond the end of this run")
+    refused(done, "is later than the requested end of the run")
 
 
 def test_a_damaged_checkpoint_is_passed_over(short, tmp_path):
@@ -243,7 +243,7 @@ def test_a_damaged_checkpoint_is_passed_over(short, tmp_path):
         newest.write_bytes(damage)
         done = pgran(0, "direct.opts", tmp_path / "other.h5", *SHORT, "-pgran_restart", path,
                      "-pgran_progress", "brief")
-        assert "passed over a damaged checkpoint, run.checkpoint_000017.h5: " in done.stdout
+        assert "skipped a damaged checkpoint, run.checkpoint_000017.h5: " in done.stdout
         same(short, tmp_path / "other.h5", 1e-7)
     older.write_bytes(b"")
     refused(pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path, check=False),
@@ -352,8 +352,8 @@ runpy.run_module("pgran", run_name="__main__", alter_sys=True)
 
 @pytest.mark.parametrize("module", ["numpy", "pgran.solve.driver"])
 @pytest.mark.parametrize("kind, words", [
-    ("beuler", "-pgran_restart {path} goes on from there"),
-    ("pseudo", "there is nothing to go on from: start it again")])
+    ("beuler", "resume with: <same command> -pgran_restart {path}"),
+    ("pseudo", "there is nothing to resume from: start it again")])
 def test_a_run_that_is_asked_to_stop_before_its_first_step_says_so(short, tmp_path, module, kind,
                                                                    words):
     path = tmp_path / "run.h5"

@@ -396,4 +396,4 @@ def test_options_that_petsc_reads_at_the_end_are_no_misspellings(tmp_path):
                  "-vec_type", "standard", "-malloc_nosuch", 3)
     assert "TS Object" in done.stdout
     assert done.stderr.splitlines() == [
-        "pgran: note: nothing has read -malloc_nosuch 3, -vec_type standard"]
+        "pgran: warning: unused PETSc option(s): -malloc_nosuch 3, -vec_type standard"]

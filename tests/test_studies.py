@@ -66,7 +66,7 @@ def table(path):
 def written_result(path, *options, complete=True):
     """Write the root attributes of a run with options."""
     with h5py.File(path, "w") as file:
-        file.attrs.update(options=run_on_ranks.asked(FILE, *options).text(), complete=complete)
+        file.attrs.update(options=run_on_ranks.requested_parameters(FILE, *options).text(), complete=complete)
 
 
 # Runs
@@ -119,13 +119,13 @@ def test_options_files_are_read_as_petsc_reads_them(tmp_path):
     path = tmp_path / "a.opts"
     path.write_text("# don't read -pgran_width 5\n-pgran_width 20  # d\n-pgran_inertia\n"
                     "-snes_atol 1e-4\n-pgran_body_force -1e-3,-.5\n")
-    found = run_on_ranks.asked(path, "-pgran_height", 40, "-pgran_width", 10, "-pgran_width", 8)
+    found = run_on_ranks.requested_parameters(path, "-pgran_height", 40, "-pgran_width", 10, "-pgran_width", 8)
     assert (found.width, found.height, found.inertia) == (8.0, 40.0, True)
     assert found.body_force == (-1e-3, -0.5)
     with pytest.raises(OptionError):
-        run_on_ranks.asked(tmp_path / "b.opts")
+        run_on_ranks.requested_parameters(tmp_path / "b.opts")
     with pytest.raises(ParameterError):
-        run_on_ranks.asked(path, "-pgran_element_size", 3)
+        run_on_ranks.requested_parameters(path, "-pgran_element_size", 3)
 
 
 def test_a_failed_run_is_an_error_or_a_note(tmp_path, monkeypatch):
@@ -328,7 +328,7 @@ def test_a_mode_is_computed_once_and_spectra_agree_with_theory(tmp_path, monkeyp
 def test_the_runs_of_a_figure_are_the_runs_that_it_draws(monkeypatch):
     made = {}
     monkeypatch.setattr(section4.run_on_ranks, "run", lambda path, file, *options: made.update(
-        {path.stem: run_on_ranks.asked(file, *options)}))
+        {path.stem: run_on_ranks.requested_parameters(file, *options)}))
     for figure, panels in figures.RUNS.items():
         made.clear()
         section4.runs(figure, figures.MESHES, ("-pgran_compression", 0.5))

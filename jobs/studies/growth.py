@@ -38,7 +38,7 @@ def eigenmode(path, elements, *more):
     pgran.eigen writes the mode to ``path`` unless it is there.
     """
     cell = ("-pgran_cell_elements", elements, *more)
-    requested = run_on_ranks.asked("options/eigen.opts", *cell)
+    requested = run_on_ranks.requested_parameters("options/eigen.opts", *cell)
     if not run_on_ranks.holds(path, requested, (*run_on_ranks.IGNORED, *OF_THE_CELL)):
         run_on_ranks.python(run_on_ranks.RANKS, "-m", "pgran.eigen", "-options_file",
                             "options/eigen.opts", "-eps_nev", 2, "-refinement", elements, *cell,

@@ -90,7 +90,7 @@ def followed(directory, slope, height, start, *options):
 def main(directory="results/stopping", *, options=()):
     """Make the runs and the tables."""
     directory = Path(directory)
-    case = cases.create(run_on_ranks.asked(f"options/{FILE}.opts", *layer(SLOPES[0], 10.0)))
+    case = cases.create(run_on_ranks.requested_parameters(f"options/{FILE}.opts", *layer(SLOPES[0], 10.0)))
     amplitude, known = case.parameters.A, {}
     table = Report(directory / "stopping.csv", {
         "slope": "g", "analytical (d)": ".5f", "end of flow (d)": ".5f", "difference": ".1e",

@@ -1,8 +1,7 @@
-"""One run of pgran, unless it is done: run_on_ranks NAME.h5 FILE.opts [options]
+"""A run in separate processes, unless it is complete: run_on_ranks NAME.h5 FILE.opts [options]
 
-All studies start their runs here. PGRAN_RANKS (2) is the number of ranks of a run. PGRAN_LAUNCH
-takes the place of ``mpiexec -n PGRAN_RANKS``, for example ``srun`` on a cluster, and PGRAN_PYTHON
-that of the Python which runs the study.
+PGRAN_RANKS (2) is the number of ranks. PGRAN_LAUNCH replaces ``mpiexec -n PGRAN_RANKS``, for
+example by ``srun`` on a cluster, and PGRAN_PYTHON replaces the present Python.
 """
 
 import os
@@ -10,41 +9,40 @@ import shlex
 import signal
 import subprocess
 import sys
-import threading
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
 
 from .. import cases
-from ..cli import HELP, REPORTED_ERRORS, STOPPED, combined_options, guard_streams, parsed
+from ..cli import HELP, STOPPED, exit_code, guard_streams
 from ..options import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, written
+from ..options.files import combined_options, default_solver, parsed
 from ..output.checkpoint import checkpoints_of
 from ..output.result import Result
-from ..signals import SIGNALS
+from ..signals import SIGNALS, preserved
 
-#: Ranks of a run unless a study says otherwise.
+#: Default number of ranks.
 RANKS = int(os.environ.get("PGRAN_RANKS", 2))
-#: Rows that do not change a result. The files of restart and seed are compared by their age.
+#: Options that do not change a result. The files of restart and mode_file are compared by age.
 IGNORED = ("output", "progress", "restart", "mode_file", "checkpoint_steps", "checkpoint_minutes",
            "picture_every")
 #: Seconds that a process has to end itself and its ranks.
 GRACE = 10.0
-#: What a user may choose for Open MPI: networks, how processes prove who they are, to which cores
-#: ranks are bound, and whether ranks that wait for a message give their core away.
+#: Variables of Open MPI that users set: networks, authentication, binding to cores, and whether
+#: waiting ranks release their core.
 NETWORK = ("OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "PMIX_MCA_psec",
            "OMPI_MCA_hwloc_base_binding_policy", "OMPI_MCA_mpi_yield_when_idle")
-#: Options of runs that only show errors.
+#: Options of runs that print only errors.
 QUIET = "-pgran_progress", "quiet"
 
 
 def command(ranks, *arguments):
-    """Return the command (a list) and the environment (a dictionary) with which `python` starts."""
+    """Return the command (a list) and the environment (a dictionary) of `python`."""
     line = [os.environ.get("PGRAN_PYTHON", sys.executable), *map(str, arguments)]
     launcher = shlex.split(os.environ.get("PGRAN_LAUNCH", ""))
     environment = dict(os.environ)
-    if not launcher:
-        # What an MPI that runs already has left behind would confuse another one.
+    if not launcher:  # variables of an MPI that already runs would confuse another one
         environment = {key: value for key, value in environment.items() if key in NETWORK
                        or not key.startswith(("OMPI_", "PMIX_", "PRTE_"))}
     if ranks:
@@ -52,87 +50,49 @@ def command(ranks, *arguments):
         line = [*(launcher or ["mpiexec"]), *count, *line]
     else:
         environment["OMPI_MCA_ess_singleton_isolated"] = "1"  # one rank needs no daemon of Open MPI
-    home = str(Path(__file__).resolve().parents[2])
+    package = str(Path(__file__).resolve().parents[2])
     environment.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
                        OMPI_MCA_rmaps_base_oversubscribe="1", OMP_NUM_THREADS="1",
                        PYTHONPATH=os.pathsep.join(
-                           filter(None, [home, environment.get("PYTHONPATH")])))
+                           filter(None, [package, environment.get("PYTHONPATH")])))
     return line, environment
 
 
 def python(ranks, *arguments, check=True, timeout=None, **more):
-    """Run ``python arguments`` on ranks, with this package; return the finished process.
+    """Run ``python arguments`` on ranks with this package; return the finished process.
 
-    Parameters
-    ----------
-    ranks : int
-        0 runs without mpiexec. PGRAN_LAUNCH knows PGRAN_RANKS itself; it is told other numbers.
-    *arguments : object
-        Their texts are passed on.
-    check : bool
-        Whether another exit code than 0 is an error.
-    timeout : float, optional
-        Seconds after which the process is ended with all its ranks.
-    **more
-        Passed to `subprocess.Popen`.
-
-    Raises
-    ------
-    subprocess.CalledProcessError, subprocess.TimeoutExpired
+    With 0 ranks it runs without mpiexec. `subprocess.run` describes ``check``, ``timeout``, the
+    errors and ``more``. Signals that stop a run are forwarded to the ranks.
     """
     line, environment = command(ranks, *arguments)
-    with subprocess.Popen(line, env=environment, **more) as process, _passed_on(process) as passed:
+    signals = []
+
+    def forward(number, frame):  # mpiexec forwards SIGUSR1, but ends its ranks on others
+        signals.append(number)
+        process.send_signal(signal.SIGUSR1)
+
+    with subprocess.Popen(line, env=environment, **more) as process, preserved() as can_set:
+        for number in SIGNALS if can_set else ():
+            signal.signal(number, forward)
         try:
             output, errors = process.communicate(timeout=timeout)
         except BaseException:
-            process.terminate()  # mpiexec then ends its ranks; if it were killed they would go on
+            process.terminate()  # mpiexec ends its ranks; they would continue if it were killed
             try:
                 process.wait(GRACE)
             except subprocess.TimeoutExpired:
                 process.kill()
             raise
-    # A signal that comes before Python has started ends the ranks with the code of mpiexec.
-    code = STOPPED if passed and process.returncode else process.returncode
+    # A signal before Python has started ends the ranks with the exit code of mpiexec.
+    code = STOPPED if signals and process.returncode else process.returncode
     finished = subprocess.CompletedProcess(line, code, output, errors)
     if check:
         finished.check_returncode()
     return finished
 
 
-@contextmanager
-def _passed_on(process):
-    """Let a signal that asks a run to stop reach its ranks; the list holds those that came.
-
-    mpiexec hands SIGUSR1 to its ranks, but turns SIGTERM and SIGINT into their end.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield []  # only the main thread may have signals
-        return
-    passed = []
-
-    def pass_on(number, frame):
-        passed.append(number)
-        process.send_signal(signal.SIGUSR1)
-
-    before = {number: signal.signal(number, pass_on) for number in SIGNALS}
-    try:
-        yield passed
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def for_processes(process, action):
-    """Do ``action(number)`` for a process and all that it has started, such as its ranks.
-
-    Processes that have just ended are passed over.
-
-    Parameters
-    ----------
-    process : subprocess.Popen
-        Started with ``start_new_session=True``. The processes of its session are its own.
-    action : callable
-    """
+    """Call ``action(number)`` for all processes of the session that a process has started."""
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             with suppress(OSError):
@@ -141,41 +101,35 @@ def for_processes(process, action):
 
 
 def kill(process):
-    """Send SIGKILL to a process and to all that it has started; it is as for `for_processes`."""
+    """Send SIGKILL to all processes of the session that a process has started."""
     for_processes(process, lambda number: os.kill(number, signal.SIGKILL))
 
 
-def asked(options_file, *options):
-    """Return the `pgran.options.Parameters` of an options file and of options that win over it.
-
-    Raises `pgran.options.OptionError` or `pgran.options.ParameterError` where they do not fit
-    together.
-    """
-    parameters = cases.read(combined_options(options_file, *options))
+def requested_parameters(options_file, *options):
+    """Return the `pgran.options.Parameters` of an options file and of options that override it."""
+    texts = combined_options(options_file, *options)
+    parameters = cases.read({**default_solver(texts)[1], **texts})
     cases.create(parameters)
     return parameters
 
 
 def holds(path, parameters, ignored=IGNORED):
-    """Return whether the options stored in a result file are ``parameters``.
-
-    Rows with the names ``ignored`` are not compared. A file that cannot be read holds nothing.
-    """
+    """Return whether a result file can be read and has the same options, except ``ignored``."""
     try:
         with h5py.File(path, "r") as file:
-            theirs = cases.read(written(file.attrs["options"]), stored=True)
+            stored = cases.read(written(file.attrs["options"]), stored=True)
     except (OSError, KeyError, OptionError, ParameterError):
         return False
-    return all(getattr(theirs, row.name, None) == getattr(parameters, row.name)
-               for row in parameters.options if row.name not in ignored)
+    return all(getattr(stored, option.name, None) == getattr(parameters, option.name)
+               for option in parameters.options if option.name not in ignored)
 
 
 def attributes(path, options_file, options=()):
-    """Return the root attributes of a result that was begun with these options, or None.
+    """Return the root attributes of a result file if it was made with these options, else None.
 
-    All resolved options are compared but `IGNORED`, and so are the options of PETSc, such as
-    -snes_atol, if the file stores them. The file must also be newer than the options file, than a
-    file that holds the case, law or model, and than the result or mode that the run starts from.
+    All resolved options except `IGNORED` must be equal, and so must the options of PETSc, such as
+    -snes_atol, if the file contains them. The file must be newer than the options file, than the
+    files of user-defined classes, and than the result or mode that the run starts from.
 
     Parameters
     ----------
@@ -183,9 +137,9 @@ def attributes(path, options_file, options=()):
         The result file.
     options_file : str or Path or None
     options : sequence
-        Further options as on the command line, which win over the file.
+        Further options as on the command line, which override the options file.
     """
-    parameters = asked(options_file, *options)
+    parameters = requested_parameters(options_file, *options)
     if not holds(path, parameters):
         return None
     parts = (getattr(parameters, kind.name).rpartition(":")[0] for kind in cases.KINDS)
@@ -193,68 +147,73 @@ def attributes(path, options_file, options=()):
                if name and os.path.isfile(name)]
     if os.path.getmtime(path) < max(map(os.path.getmtime, sources), default=0.0):
         return None
-    solver = {name: text for name, text in combined_options(options_file, *options).items()
-              if not name.startswith(PREFIX)}
     with h5py.File(path, "r") as file:
         found = dict(file.attrs)
-    theirs = found.get("solver_options")
-    return found if theirs is None or parsed(theirs.split()) == solver else None
+    if "solver_options" not in found:
+        return found
+    texts = combined_options(options_file, *options)
+    complete = {**default_solver(texts)[1], **texts}
+    # Release 0.2 stored only the options that were given.
+    allowed = _of_petsc(texts), _of_petsc(complete)
+    return found if parsed(found["solver_options"].split()) in allowed else None
+
+
+def _of_petsc(texts):
+    return {name: text for name, text in texts.items() if not name.startswith(PREFIX)}
 
 
 def done(path, options_file, options=()):
-    """Return whether a result file is that of a whole run with the options that are asked for.
-
-    The parameters are those of `attributes`.
-    """
+    """Return whether a result file is complete and has these options; see `attributes`."""
     return bool((attributes(path, options_file, options) or {}).get("complete", False))
 
 
 def pending(path, options_file, *options):
-    """Return the options (a list of words) with which a run to ``path`` begins or goes on.
+    """Return the options (a list of words) that start or resume a run, or None if it is `done`.
 
-    None if it is `done`. A run that was stopped or killed goes on from its last checkpoint. The
-    parameters are those of `done`. Raises `pgran.options.OptionError` if ``options`` name another
-    result file.
+    A run that was stopped or killed resumes from its last checkpoint. Raises
+    `pgran.options.OptionError` if ``options`` name another result file.
     """
-    elsewhere = parsed(options).get(f"{PREFIX}output", str(path))
-    if elsewhere != str(path):
-        raise OptionError(f"-{PREFIX}output {elsewhere}: the result file of this run is {path}; "
-                          "leave the option out")
+    output = parsed(options).get(f"{PREFIX}output", str(path))
+    if output != str(path):
+        raise OptionError(f"-{PREFIX}output {output}: the result file of this run is {path}; "
+                          "omit the option")
     if done(path, options_file, options):
         return None
     begun = attributes(path, options_file, options) is not None and checkpoints_of(path)
-    again = ("-pgran_restart", path) if begun else ()
-    return [*map(str, options), "-pgran_output", str(path), *map(str, again)]
+    restart = ("-pgran_restart", str(path)) if begun else ()
+    return [*map(str, options), "-pgran_output", str(path), *restart]
 
 
 def run(path, options_file, *options, ranks=None, needed=True):
-    """Run pgran to ``path`` unless that is `done`; return the `pgran.output.result.Result`.
+    """Run pgran unless the run is `done`; return the `pgran.output.result.Result`.
 
-    A run that was stopped or killed goes on from its last checkpoint.
+    A run that was stopped or killed resumes from its last checkpoint.
 
     Parameters
     ----------
     path, options_file, *options
-        As for `done`.
+        See `attributes`.
     ranks : int, optional
-        `RANKS` unless given; 0 runs without mpiexec.
+        `RANKS` by default; 0 runs without mpiexec.
     needed : bool
         Whether a failure is an error; otherwise None is returned.
 
     Raises
     ------
     SolutionError
-        If the run fails. Its own message is on the terminal.
+        If the run fails. The run itself prints the reason.
+    Interrupted
+        If a signal stops the run. The same call resumes it.
     """
     words = pending(path, options_file, *options)
     if words is None:
-        print(f"pgran: {path} is in place", file=sys.stderr)
+        print(f"pgran: {path} is complete", file=sys.stderr)
         return Result(path)
     file = ("-options_file", options_file) if options_file else ()
     failed = python(RANKS if ranks is None else ranks, "-m", "pgran", *file, *words,
                     check=False).returncode
     if failed == STOPPED:
-        raise Interrupted(f"{path}: the run was stopped; the same command goes on")
+        raise Interrupted(f"{path}: the run was stopped; the same command resumes it")
     if failed and not needed:
         return None
     if failed:
@@ -263,23 +222,12 @@ def run(path, options_file, *options, ranks=None, needed=True):
 
 
 def main(arguments):
-    """Make the run of the command line ``arguments``, unless it is done; return the exit code."""
+    """Run the command line ``arguments``; return the exit code."""
     guard_streams()
     if len(arguments) < 2 or set(arguments) & set(HELP):
         print(__doc__)
         return int(len(arguments) < 2)
-    try:
-        run(*arguments)
-        return 0
-    except Interrupted as error:
-        print(f"pgran.runs.run_on_ranks: {error}", file=sys.stderr)
-        return STOPPED
-    except REPORTED_ERRORS as error:
-        message = error.as_option()
-    except (ValueError, OSError, subprocess.SubprocessError) as error:
-        message = str(error)
-    print(f"pgran.runs.run_on_ranks: error: {message}", file=sys.stderr)
-    return 1
+    return exit_code("pgran.runs.run_on_ranks", run, *arguments)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Tables that are written row by row, so that a study that stops loses none."""
+"""Tables that are written row by row, so that an interrupted study keeps its rows."""
 
 import csv
 import re
@@ -6,7 +6,8 @@ from pathlib import Path
 
 from ..options import SolutionError
 
-#: Columns of what a run took: time steps, repeated ones, iterations, seconds and memory.
+#: Columns of the cost of a run and their formats: time steps, repeated steps, iterations, seconds
+#: and memory.
 COST = {"steps": "d", "repeated": "d", "Newton": "d", "linear": "d", "s": ".0f", "MB": ".0f"}
 
 
@@ -17,8 +18,20 @@ def cost(result):
 
 
 def result_file(directory, name):
-    """Return the path of the result file of a case that is named in words."""
+    """Return the path of the result file of a run with the title ``name``."""
     return Path(directory) / (re.sub("[^A-Za-z0-9.-]+", "_", name) + ".h5")
+
+
+def line(cells):
+    """Return texts as a line of a table in Markdown."""
+    return f"| {' | '.join(cells)} |"
+
+
+def cell(value, form=None):
+    """Return a value as text: None as a dash, and float as ``.4g`` unless a format is given."""
+    if value is None or isinstance(value, str):
+        return value or "-"
+    return format(value, form or (".4g" if isinstance(value, float) else ""))
 
 
 class Table:
@@ -27,9 +40,9 @@ class Table:
     Parameters
     ----------
     path : str or Path
-        The CSV file, which replaces an earlier one.
+        The CSV file; an existing file is replaced.
     columns : dict
-        Titles, and the format in which the numbers below them are shown.
+        Titles of the columns, and formats of their numbers on the terminal.
     """
 
     def __init__(self, path, columns):
@@ -38,32 +51,26 @@ class Table:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.write_text("")
         self._write(columns)
-        self._show(columns)
-        self._show(["---"] * len(columns))
+        print(line(columns), line(["---"] * len(columns)), sep="\n", flush=True)
 
     def row(self, *values):
-        """Add a row. Texts are shown as they are, and None, a missing value, as a dash."""
+        """Add a row. Texts are shown unmodified, and a missing value, None, as a dash."""
         if len(values) != len(self.columns):
             raise ValueError(f"{len(values)} values for {len(self.columns)} columns")
         self._rows += 1
         self._write("" if value is None else value for value in values)
-        self._show("-" if value is None else value if isinstance(value, str)
-                   else format(value, form) for value, form in zip(values, self.columns.values()))
+        print(line(map(cell, values, self.columns.values())), flush=True)
 
-    def note(self, *words):
-        """Add a row that has texts in its first columns and nothing else."""
-        self.row(*words, *[None] * (len(self.columns) - len(words)))
+    def note(self, *texts):
+        """Add a row with texts in its first columns and nothing else."""
+        self.row(*texts, *[None] * (len(self.columns) - len(texts)))
         self._rows, self._notes = self._rows - 1, self._notes + 1
 
     def close(self):
-        """Raise `pgran.options.SolutionError` if the table has nothing but notes."""
+        """Raise `pgran.options.SolutionError` if the table contains only notes."""
         if self._notes and not self._rows:
-            raise SolutionError(f"no run came to its end; {self.path} has nothing to tell")
+            raise SolutionError(f"all runs failed; {self.path} has no results")
 
     def _write(self, values):
         with open(self.path, "a", newline="") as file:
             csv.writer(file, lineterminator="\n").writerow(list(values))
-
-    @staticmethod
-    def _show(cells):
-        print(f"| {' | '.join(cells)} |", flush=True)

@@ -342,7 +342,7 @@ class Driver:
 
     def _fluidity_defect(self, local, rate, increment):
         """The defect that `WeakForm.jacobian` asks for, or None for the tangent. Collective."""
-        if not self.parameters.chord or not self.grid.has_fluidity:
+        if not self.parameters.secant or not self.grid.has_fluidity:
             return None
         # SNES has just asked for the residual there.
         known, rows = self._tried is not None and np.array_equal(local, self._tried), self._rows

@@ -1,0 +1,53 @@
+"""Standard output and error that do not end a command when they cannot be written."""
+
+import os
+import sys
+
+
+class Stream:
+    """A standard stream that discards further output after an error.
+
+    Attributes
+    ----------
+    failed : bool
+        Whether output was lost for another reason than a closed pipe.
+    """
+
+    def __init__(self, stream):
+        self._stream, self.failed = stream, False
+
+    def __getattr__(self, name):
+        return getattr(self._stream, name)
+
+    def write(self, text):
+        """Write ``text``."""
+        return self._try(lambda: self._stream.write(text))
+
+    def flush(self):
+        """Write the buffered text."""
+        self._try(self._stream.flush)
+
+    def _try(self, action):
+        try:
+            return action()
+        except OSError as error:
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, self._stream.fileno())
+            os.close(null)
+            if not isinstance(error, BrokenPipeError):
+                self.failed = True
+                print(f"pgran: warning: standard output cannot be written ({error.strerror}); "
+                      "further output is discarded", file=sys.stderr, flush=True)
+            return None
+
+
+def guard_streams():
+    """Replace standard output and error by `Stream`s, and open the standard files if closed."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:  # closed: no file of the run may get this number
+            os.open(os.devnull, os.O_RDWR)
+        stream = getattr(sys, name)
+        if number and not isinstance(stream, Stream):
+            setattr(sys, name, Stream(stream or open(number, "w", closefd=False)))

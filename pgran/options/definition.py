@@ -1,0 +1,161 @@
+"""The description of an option, and tables of options for ``-help`` and the documentation."""
+
+import math
+from dataclasses import dataclass
+
+from .errors import PREFIX, ParameterError
+
+#: Texts of truth values.
+BOOLS = {"true": True, "1": True, "yes": True, "on": True, "": True,
+         "false": False, "0": False, "no": False, "off": False}
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option: its name, its type, its allowed values and its documentation.
+
+    Attributes
+    ----------
+    name : str
+        Name without prefix.
+    kind : str
+        float, int, bool, str, flag (a bool without a value), floats or ints (comma-separated
+        lists).
+    default : object
+        Default value; None if the option is unset or follows from other options, see ``meaning``.
+    unit, meaning, equation : str
+        Documentation.
+    choices : tuple of str
+        The allowed values; empty if any value is allowed.
+    low, high : float
+        Bounds of numbers.
+    open_low, open_high : bool
+        Whether the bounds are excluded.
+    length : int
+        Length of a list; 0 for any length.
+    shared : tuple of str
+        The input files that must have been made with the same value: restart, mode_file.
+    prefix : str
+        Prefix of the name on the command line.
+    words : str
+        Description of the allowed values, if the other attributes do not give it.
+    needs : str
+        Another option, without which this one has no effect.
+    suffix : str
+        Required end of a file name.
+    changeable : bool
+        Whether a restart may change the value.
+    """
+
+    name: str
+    kind: str
+    default: object
+    unit: str
+    meaning: str
+    equation: str = ""
+    choices: tuple = ()
+    low: float = -math.inf
+    high: float = math.inf
+    open_low: bool = False
+    open_high: bool = False
+    length: int = 0
+    shared: tuple = ()
+    prefix: str = PREFIX
+    words: str = ""
+    needs: str = ""
+    suffix: str = ""
+    changeable: bool = False
+
+    @property
+    def allowed(self):
+        """Description of the allowed values."""
+        if self.words or self.choices:
+            return self.words or " | ".join(self.choices)
+        if self.kind in ("bool", "flag"):
+            return "true | false"
+        if self.kind == "str":
+            return f"a file name that ends in {self.suffix}" if self.suffix else "text"
+        noun = {"int": "an integer", "float": "a number"}.get(self.kind)
+        if noun is None:
+            items = "integers" if self.kind == "ints" else "numbers"
+            noun = f"{self.length or 'a list of'} {items}"
+        bounds = []
+        if self.low > -math.inf:
+            bounds.append(f"{'>' if self.open_low else '>='} {self.low:g}")
+        if self.high < math.inf:
+            bounds.append(f"{'<' if self.open_high else '<='} {self.high:g}")
+        return f"{noun} {' and '.join(bounds)}".strip()
+
+    def refuse(self, value):
+        """Raise the `ParameterError` of a value that is not allowed."""
+        listed = "|" in self.allowed
+        raise ParameterError(self.name, value, f"{'expected one of:' if listed else 'must be'} "
+                             f"{self.allowed}", self.prefix)
+
+    def parse(self, text):
+        """Return the value of ``text``.
+
+        Raises
+        ------
+        ParameterError
+            If the text is not an allowed value.
+        """
+        text = str(text).strip()
+        if self.kind == "str":
+            good = text and text.endswith(self.suffix) and text in (self.choices or (text,))
+            return text if good else self.refuse(text)
+        if self.kind in ("bool", "flag"):
+            return BOOLS[text.lower()] if text.lower() in BOOLS else self.refuse(text)
+        number, listed = int if self.kind in ("int", "ints") else float, self.kind.endswith("s")
+        try:
+            numbers = tuple(number(part) for part in (text.split(",") if listed else [text]))
+        except ValueError:
+            self.refuse(text)
+        if not all(map(self._within, numbers)) or self.length not in (0, len(numbers)):
+            self.refuse(text)
+        return numbers if listed else numbers[0]
+
+    def _within(self, number):
+        return (math.isfinite(number) and self.low <= number <= self.high
+                and not (self.open_low and number == self.low)
+                and not (self.open_high and number == self.high))
+
+
+def positive(name, default, unit, meaning, equation="", **more):
+    """Return the `Option` of a number greater than zero."""
+    return Option(name, "float", default, unit, meaning, equation, low=0.0, open_low=True, **more)
+
+
+def command_option(name, kind, meaning, default=None, unit="", **more):
+    """Return the `Option` of one command; its name has no prefix."""
+    return Option(name, kind, default, unit, meaning, prefix="", **more)
+
+
+def plain(value):
+    """Return a value as text, as in an options file; None is ``none``."""
+    if value is None:
+        return "none"
+    if isinstance(value, tuple):
+        return ",".join(f"{number!r}" for number in value)
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def help_text(options):
+    """Return options as the text of ``-help``."""
+    return "\n".join(
+        f"  -{option.prefix}{option.name} <{plain(option.default)}>"
+        + (f" [{option.unit}]" if option.unit else "") + f": {option.meaning}"
+        + (f"  {option.equation}" if option.equation else "") + f"\n      allowed: {option.allowed}"
+        for option in options)
+
+
+def markdown_table(options):
+    """Return options as a table in Markdown, or an empty text without options."""
+    lines = ["| option | default | unit | allowed | meaning | equation |",
+             "|---|---|---|---|---|---|"]
+    for option in options:
+        default = "" if option.default is None else plain(option.default)
+        cells = (f"`-{option.prefix}{option.name}`", default, option.unit, option.allowed,
+                 option.meaning, option.equation)
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(lines) + "\n" if options else ""

@@ -1,0 +1,68 @@
+"""Errors that are reported to the user by the names of the options."""
+
+import difflib
+
+PREFIX = "pgran_"
+
+
+class OptionError(ValueError):
+    """The command line or an options file is invalid."""
+
+    def as_option(self):
+        """Return the message."""
+        return str(self)
+
+
+class ParameterError(ValueError):
+    """A parameter is malformed, out of bounds, or contradicts another one.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, without prefix.
+    value : object
+        Its value, or None if it is unknown.
+    reason : str
+        What is wrong, or what is allowed. Other parameters are written as ``@name``.
+    prefix : str
+        Prefix of the option: ``pgran_``, or empty for options of PETSc or of one command.
+    """
+
+    def __init__(self, name, value, reason, prefix=PREFIX):
+        self.name, self.value, self.reason, self.prefix = name, value, reason, prefix
+        self._label = f"{name}: " if value is None else f"{name} {value}: "
+        super().__init__(self._label + reason.replace("@", ""))
+
+    def as_option(self):
+        """Return the message with names as on the command line."""
+        return f"-{self.prefix}{self._label}{_with_prefix(self.reason)}"
+
+
+class SolutionError(RuntimeError):
+    """A run fails. Parameters are written as ``@name``, options of PETSc as ``@@name``."""
+
+    def as_option(self):
+        """Return the message with names as on the command line."""
+        return _with_prefix(str(self))
+
+
+class Interrupted(Exception):
+    """A signal stopped a run before its end. Parameters are written as in `SolutionError`."""
+
+    as_option = SolutionError.as_option
+
+
+def _with_prefix(text):
+    return text.replace("@@", "-").replace("@", f"-{PREFIX}")
+
+
+def hint(name, known, prefix=PREFIX):
+    """Return the options with a similar name as a question, or a reference to ``-help``."""
+    near = [f"-{prefix}{other}" for other in difflib.get_close_matches(name, list(known))]
+    return f"did you mean {' or '.join(near)}?" if near else "-help lists the options"
+
+
+def not_among(name, allowed):
+    """Return which of the ``allowed`` names are similar to ``name``, or all if none is similar."""
+    near = difflib.get_close_matches(name, list(allowed))
+    return f"did you mean {' or '.join(near)}?" if near else f"expected {' | '.join(allowed)}"

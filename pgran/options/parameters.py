@@ -1,0 +1,233 @@
+"""The options of a run, and how they are resolved.
+
+Lengths are in grain diameters d, stresses in the reference stress of the case, and times in
+1/gdot0, the inverse of its reference shear rate.
+"""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+from .definition import Option, markdown_table, plain, positive
+from .errors import PREFIX, OptionError, ParameterError, hint
+from .loading import allowed_names
+
+#: Values that a restart and a mode file must have in common with the run that uses them.
+BOTH = "restart", "mode_file"
+
+#: Options that were renamed after release 0.2, {old: new}; None if the option was removed.
+RENAMED = {"seed": "mode_file", "seed_size": "mode_amplitude",
+           "step_perturbation": "step_min_deviation",
+           "tolerance_perturbation": "tolerance_full_deviation",
+           "tolerance_least": "tolerance_min_factor", "chord": "secant", "assembly": None}
+
+
+def _component(name, default, folder, meaning, equation=""):
+    """Return the `Option` that chooses a class from the modules of a folder."""
+    path = [str(Path(__file__).parents[1].joinpath(*folder.split(".")))]
+    return Option(name, "str", default, "", meaning, equation, shared=BOTH,
+                  words=allowed_names(path))
+
+
+#: The options that every run has.
+RUN = (
+    _component("case", "biaxial", "cases", "flow problem: domain, boundary conditions, loads, "
+               "units and initial state"),
+    _component("model", "ngf", "material.models", "rheological model: non-local granular fluidity "
+               "(ngf), its dynamic form (ngf_primitive), local inertial rheology (li), or "
+               "inertial-number gradient (ig, linear theory only)", "(2.3)-(2.8), (1.1), (5.1)"),
+    _component("law", "bingham", "material.laws", "local flow law mu_loc(I)", "(1.2), (1.3)"),
+    Option("phi", "float", 0.6, "", "solid volume fraction; it has an effect only with inertia",
+           "(2.2)", low=0.0, high=1.0, open_low=True, shared=("mode_file",)),
+    positive("inertial_number", 1e-3, "", "inertial number I0 of the reference flow, which sets "
+             "the rate of deformation", "(1.1)", shared=BOTH),
+    positive("shear_modulus", 1000.0, "stress", "elastic shear modulus G of the stiff Maxwell "
+             "element", "D = sigma'/(2 eta) + (d sigma'/dt)/(2 G)"),
+    Option("inertia", "bool", False, "", "include the inertial term phi rho_s dv/dt", "(2.2)"),
+    Option("body_force", "floats", (0.0, 0.0), "stress/d", "body force b1,b2 per volume", "(2.2)",
+           length=2, shared=("restart",)),
+    Option("output", "str", "results/pgran.h5", "", "result file; NAME.xdmf and the snapshots are "
+           "written to the same directory, and an existing file is kept under a numbered name",
+           suffix=".h5", changeable=True),
+    Option("restart", "str", None, "", "result file to start from: with -ts_type beuler the run "
+           "resumes from the newest valid checkpoint, with -ts_type pseudo a snapshot gives the "
+           "geometry and the initial fields, and pgran.eigen computes the spectrum about a "
+           "snapshot", changeable=True),
+    Option("restart_snapshot", "int", -1, "", "number of the snapshot, with -ts_type pseudo; "
+           "negative numbers count from the end", needs="restart", changeable=True),
+    Option("checkpoint_steps", "int", None, "", "number of steps between checkpoints; if unset, "
+           "checkpoint_minutes applies", low=1, changeable=True),
+    positive("checkpoint_minutes", 10.0, "min", "time between checkpoints; a checkpoint is also "
+             "written at the end of a run and when a signal stops it", changeable=True),
+    Option("picture_every", "int", None, "", "number of steps between pictures of the inertial "
+           "number, NAME_step0040.png etc.; requires matplotlib", low=1, changeable=True),
+    Option("mode_file", "str", None, "", "mode computed by pgran.eigen; the run starts from the "
+           "base flow of this mode (the reference flow, or a snapshot on a fixed mesh) plus the "
+           "mode"),
+    positive("mode_amplitude", 1e-3, "d gdot0", "largest velocity of this mode",
+             needs="mode_file"),
+    positive("step_error", 0.25, "", "tolerance for the error estimate of a time step. The "
+             "estimate compares velocity v and stress deviator sigma' with their extrapolation "
+             "v*, sigma'* from the previous two states; v0 is the reference flow. If the error "
+             "exceeds twice the tolerance, the step is repeated with a smaller size, but not below "
+             "a tenth of the elastic loading time. Until a band has formed, the tolerance also "
+             "limits (r dt)^2, where r is the growth rate of velocity changes",
+             "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0), (r dt)^2",
+             changeable=True),
+    positive("step_min_deviation", 1e-3, "", "lower bound of max|v - v0| in the error estimate, "
+             "relative to the largest velocity", changeable=True),
+    positive("step_first", None, "1/gdot0", "first time step; if unset, a tenth of the elastic "
+             "loading time", "mu_s P0/(10 G)", changeable=True),
+    positive("step_max", 0.01, "1/gdot0", "largest time step", changeable=True),
+    positive("step_min", 1e-8, "1/gdot0", "smallest time step; if a smaller one is required, the "
+             "run stops with an error", changeable=True),
+    Option("step_growth", "float", 1.5, "", "largest ratio of successive time steps", low=1.0,
+           open_low=True, changeable=True),
+    Option("tolerance_full_deviation", "float", 0.0, "", "relative deviation from the reference "
+           "flow at which the full -snes_atol applies; for smaller deviations the tolerance of "
+           "Newton's method is reduced in proportion, so that its error stays small compared with "
+           "growing perturbations. With 0 it is not reduced", "max|v - v0|/max|v|", low=0.0,
+           changeable=True),
+    positive("tolerance_min_factor", 1e-3, "", "smallest factor for this reduction of -snes_atol",
+             changeable=True),
+    Option("secant", "bool", True, "", "use the secant of F instead of its tangent in Newton's "
+           "method near the double root of the fluidity equation", changeable=True),
+    Option("coarse_correction", "bool", False, "", "precede each multigrid cycle by a solution on "
+           "the coarsest grid that resolves the growing waves, for all fields together; for "
+           "specimens much wider than a band", changeable=True),
+    positive("steady_time", 1e3, "1/gdot0", "relaxation time T of elastic deformation in steady "
+             "flow, with -ts_type pseudo and in spectra about a snapshot; it makes material at "
+             "rest nearly rigid", "theta = 1/(G T)", changeable=True),
+    positive("grain_diameter", None, "m", "d in SI units, for the scales in the result file"),
+    positive("grain_density", None, "kg/m^3", "rho_s in SI units, for the scales"),
+    Option("progress", "str", "brief", "", "terminal output: every step (steps), about fifty lines "
+           "per run (brief), or only errors (quiet)", choices=("steps", "brief", "quiet"),
+           changeable=True),
+)
+
+
+class Parameters(SimpleNamespace):
+    """The resolved options; each option is an attribute.
+
+    `options` are the `Option`s, and `part` returns the classes of case, law and model.
+    """
+
+    def __init__(self, options, parts, **values):
+        super().__init__(_options=tuple(options), _parts=dict(parts), **values)
+
+    @property
+    def options(self):
+        """The `Option`s of these parameters, a tuple."""
+        return self._options
+
+    def part(self, name):
+        """Return the class of the component ``name``: case, law or model."""
+        return self._parts[name]
+
+    def replace(self, **changes):
+        """Return a copy with some values changed. The new values are not checked."""
+        values = {option.name: getattr(self, option.name) for option in self._options}
+        return Parameters(self._options, self._parts, **{**values, **changes})
+
+    def text(self):
+        """Return the parameters as the lines of an options file."""
+        return "".join(f"-{option.prefix}{option.name} {plain(getattr(self, option.name))}\n"
+                       for option in self._options if getattr(self, option.name) is not None)
+
+
+def written(text):
+    """Return {name: text} of lines from `Parameters.text`, under the present names of options."""
+    return _renamed(dict(line[1:].split(" ", 1) for line in text.splitlines()))
+
+
+def _renamed(texts):
+    """Return {name: text} with the names of release 0.2 replaced; removed options are left out."""
+    new = {PREFIX + old: name and PREFIX + name for old, name in RENAMED.items()}
+    return {new.get(name, name): text for name, text in texts.items() if new.get(name, name)}
+
+
+def table(parts):
+    """Return the options of a run with these components, {name: Option}.
+
+    An option of a case, law or model replaces the option of `RUN` with the same name.
+    """
+    options = {option.name: option for option in RUN}
+    for part in parts.values():
+        options.update((option.name, option) for option in part.options)
+    return options
+
+
+def read(texts, kinds, stored=False):
+    """Return the resolved `Parameters`.
+
+    Parameters
+    ----------
+    texts : dict
+        {name: text} of options. Names without the prefix ``pgran_`` are ignored.
+    kinds : iterable of Component
+        Case, law and model. `pgran.cases.read` passes them.
+    stored : bool
+        Whether the options were read from a result file. Then names of release 0.2 are accepted,
+        and options of other components are ignored.
+
+    Raises
+    ------
+    OptionError
+        If a name is unknown, or belongs to another case, law or model.
+    ParameterError
+        If a value is not allowed, or contradicts another one.
+    """
+    texts = {name[len(PREFIX):]: text or "" for name, text in
+             (_renamed(texts) if stored else texts).items() if name.startswith(PREFIX)}
+    defaults = {option.name: option.default for option in RUN}
+    parts = {kind.name: kind.load(texts.get(kind.name, defaults[kind.name])) for kind in kinds}
+    options = table(parts)
+    values = {name: option.default for name, option in options.items()}
+    for name, text in texts.items():
+        if name in options:
+            values[name] = options[name].parse(text)
+        elif not (_check_name(name, options, kinds) and stored):
+            raise OptionError(f"-{PREFIX}{name} {text}: this option belongs to "
+                              f"{' and '.join(_owners(name, kinds))}, which this run does not use")
+    parameters = Parameters(options.values(), parts, **values)
+    for part in parts.values():
+        part.resolve(parameters, set(texts) & set(options))
+    _check_combinations(parameters)
+    return parameters
+
+
+def _check_name(name, options, kinds):
+    """Return whether an option belongs to another component; raise `OptionError` otherwise."""
+    if _owners(name, kinds):
+        return True
+    if name in RENAMED:
+        cure = f"it is now -{PREFIX}{RENAMED[name]}" if RENAMED[name] else "it was removed"
+        raise OptionError(f"unknown option -{PREFIX}{name}; {cure}")
+    raise OptionError(f"unknown option -{PREFIX}{name}; {hint(name, options)}")
+
+
+def _owners(name, kinds):
+    """The components that have an option, as ``-pgran_case biaxial``."""
+    return [f"-{PREFIX}{kind.name} {part}" for kind in kinds for part in kind.names
+            if any(option.name == name for option in kind.load(part).options)]
+
+
+def _check_combinations(parameters):
+    """Raise `ParameterError` if options contradict each other."""
+    for option in parameters.options:
+        value = getattr(parameters, option.name)
+        if option.needs and value != option.default and getattr(parameters, option.needs) is None:
+            raise ParameterError(option.name, value, f"requires @{option.needs}")
+    first, low, high = (getattr(parameters, f"step_{name}") for name in ("first", "min", "max"))
+    if first and first < low:
+        raise ParameterError("step_first", first, f"must be >= @step_min {low}")
+    if low >= high:
+        raise ParameterError("step_min", low, f"must be < @step_max {high}")
+
+
+def markdown(kinds):
+    """Return the tables of all options in Markdown, grouped by run, case, law and model."""
+    titles = {"case": "Case", "law": "Law", "model": "Model"}
+    tables = {"Every run": RUN, **{f"{titles[kind.name]} `{name}`": kind.load(name).options
+                                   for kind in kinds for name in kind.names}}
+    return "\n".join(f"## {title}\n\n{markdown_table(options) or 'No further options.'}"
+                     for title, options in tables.items()).rstrip("\n") + "\n"

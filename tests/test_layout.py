@@ -1,0 +1,81 @@
+"""Source layout: the order of imports, libraries of each package, and distinct names."""
+
+import ast
+from collections import Counter
+
+import pytest
+from conftest import ROOT
+
+PACKAGE = ROOT / "pgran"
+#: Each package or module imports only from itself and from earlier ones. Commands come last.
+ORDER = ["options", "kinematics", "material", "theory", "cases", "signals", "versions", "cli",
+         "space", "output", "solve", "runs"]
+#: Modules of pgran.options, each of which imports only from earlier ones.
+OPTIONS = ["errors", "definition", "loading", "parameters", "files"]
+FILES = sorted(PACKAGE.rglob("*.py"))
+TREES = {path: ast.parse(path.read_text()) for path in FILES}
+
+
+def imported(path):
+    """Yield the modules that a file imports, as dotted names."""
+    package = ["pgran", *path.relative_to(PACKAGE).parent.parts]
+    for node in ast.walk(TREES[path]):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[:len(package) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            yield module
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_one_way(path):
+    here = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    for name in imported(path):
+        package, there, *_ = [*name.split("."), ""]
+        command = here not in ORDER or there.startswith("__")  # pgran itself has the version
+        if package == "pgran" and there and not command:
+            assert there in ORDER, f"{name} is a command"
+            assert ORDER.index(there) <= ORDER.index(here), f"{here} imports {name}"
+
+
+def test_modules_of_options_import_earlier_ones_only():
+    for number, module in enumerate(OPTIONS):
+        found = {name.split(".")[2] for name in imported(PACKAGE / "options" / f"{module}.py")
+                 if name.startswith("pgran.options.")}
+        assert found <= set(OPTIONS[:number]), module
+
+
+@pytest.mark.parametrize("folder, more", [("material", set()), ("theory", {"scipy"})])
+def test_material_uses_numpy_only_and_theory_numpy_and_scipy(folder, more):
+    for path in (PACKAGE / folder).rglob("*.py"):
+        roots = {name.split(".")[0] for name in imported(path)}
+        assert roots <= {"pgran", "numpy", "dataclasses", "abc", "functools", "math", *more}, path
+
+
+def test_names_of_modules_and_classes_are_distinct():
+    modules = {name.removesuffix(".py") for path in FILES
+               for name in path.relative_to(PACKAGE).parts}
+    assert not {name for name in modules if f"{name}s" in modules}
+    classes = Counter(node.name for tree in TREES.values() for node in ast.walk(tree)
+                      if isinstance(node, ast.ClassDef))
+    assert not [name for name, count in classes.items() if count > 1]
+
+
+def constants(path):
+    """Yield the texts of a file that are not docstrings."""
+    docstrings = {id(node.body[0].value) for node in ast.walk(TREES[path])
+                  if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))
+                  and node.body and isinstance(node.body[0], ast.Expr)}
+    for node in ast.walk(TREES[path]):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) \
+                and id(node) not in docstrings:
+            yield node.value
+
+
+def test_the_name_of_a_case_occurs_in_its_own_file_only():
+    cases = {path.stem for path in (PACKAGE / "cases").glob("[a-z]*.py")}
+    for folder in ("material", "cases", "space", "solve"):
+        for path in (PACKAGE / folder).rglob("*.py"):
+            assert not (cases - {path.stem}) & set(constants(path)), path
