@@ -122,5 +122,5 @@ def test_unused_options_of_petsc_are_reported_with_a_suggestion(tmp_path):
 
 def test_an_options_file_of_multigrid_after_one_of_mumps_gives_no_warning(tmp_path):
     done = run_pgran(0, "planar_shear.opts", tmp_path / "x.h5", "-options_file",
-                     ROOT / "options" / "flows_mg.opts", "-pgran_height", 4, limit=60)
+                     ROOT / "options" / "solver_mg_fixed.opts", "-pgran_height", 4, limit=60)
     assert "unused" not in done.stderr

@@ -33,7 +33,7 @@ from pgran.runs.table import result_file
 from .study import Report, run, write_text
 
 BENCH = Path("results/bench")
-MULTIGRID = "options/flows_mg.opts"
+MULTIGRID = "options/solver_mg_fixed.opts"
 FILE = "options/biaxial.opts"
 #: Compressions of the initial states: before, during and after localisation.
 STATES = "0.003,0.018,0.03,0.05,0.10"
