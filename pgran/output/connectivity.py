@@ -7,17 +7,14 @@ the period. Both are tuples of bool, for x1 and x2.
 
 import numpy as np
 
-#: Order of the nodes of VTK's biquadratic quadrilateral, as indices of the nodes of an element.
-VTK_NODES = 0, 2, 8, 6, 1, 5, 7, 3, 4
+#: Offsets (x2, x1) of the nodes of a cell, and of VTK's biquadratic quadrilateral.
+CELL = (0, 0), (0, 1), (1, 1), (1, 0)
+QUADRATIC = (0, 0), (0, 2), (2, 2), (2, 0), (0, 1), (1, 2), (2, 1), (1, 0), (1, 1)
 
 
 def cells(shape, closed=(False, False)):
     """Return the nodes (n, 4) of the cells between ``shape`` = (ny, nx) nodes, counterclockwise."""
-    ny, nx = shape
-    n1, n2 = (n if wrap else n - 1 for n, wrap in zip((nx, ny), closed))
-    j, i = (index.ravel() for index in np.mgrid[:n2, :n1])
-    right, up = (i + 1) % nx, (j + 1) % ny
-    return np.stack([j * nx + i, j * nx + right, up * nx + right, up * nx + i], axis=1)
+    return _elements(numbers(shape, (False, False)), closed, 1, CELL)
 
 
 def q2_elements(shape, closed=(False, False), repeated=(False, False)):
@@ -25,13 +22,14 @@ def q2_elements(shape, closed=(False, False), repeated=(False, False)):
 
     Elements beyond the last nodes are left out unless the direction is ``closed`` or ``repeated``.
     """
-    node = numbers(shape, repeated)
+    return _elements(numbers(shape, repeated), closed, 2, QUADRATIC)
+
+
+def _elements(node, closed, size, offsets):
+    n2, n1 = ((n if wrap else n - 1) // size for n, wrap in zip(node.shape, closed[::-1]))
+    j, i = (size * index.ravel() for index in np.indices((n2, n1)))
     ny, nx = node.shape
-    n1, n2 = (n // 2 if wrap else (n - 1) // 2 for n, wrap in zip((nx, ny), closed))
-    j, i = (2 * index.ravel() for index in np.mgrid[:n2, :n1])
-    nodes = np.stack([node[(j + up) % ny, (i + along) % nx]
-                      for up in range(3) for along in range(3)], axis=1)
-    return nodes[:, VTK_NODES]
+    return np.stack([node[(j + up) % ny, (i + along) % nx] for up, along in offsets], axis=1)
 
 
 def numbers(shape, repeated):

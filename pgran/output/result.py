@@ -18,7 +18,7 @@ from ..material.elasticity import strain_fields
 from ..options import PREFIX, ParameterError
 from ..space.element import GAUSS_TO_NODES, NODES, Geometry
 from . import band
-from .connectivity import VTK_NODES, cells, numbers, q2_elements  # noqa: F401
+from .connectivity import QUADRATIC, cells, numbers, q2_elements  # noqa: F401
 from .reader import ResultError, field_of, opened, stored_parameters
 from .snapshots import linked
 
@@ -345,7 +345,8 @@ class Snapshot:
         if min(shape) < 3 or not all(n % 2 for n in shape):
             raise ResultError(self.result.path, f"its {shape[1]} x {shape[0]} nodes do not form "
                               "elements: the file lacks the period of its grid")
-        return np.array(q2_elements(shape)[:, np.argsort(VTK_NODES)].T)
+        order = sorted(range(NODES), key=QUADRATIC.__getitem__)
+        return np.array(q2_elements(shape)[:, order].T)
 
     def _gradient(self, values, x):
         """Gradient (2, 2, points, n) of fields (ny, nx, 2) on ``x``, with the repeated nodes."""
