@@ -3,8 +3,6 @@
 import os
 import re
 import shlex
-import site
-import sysconfig
 from pathlib import Path
 
 from .errors import PREFIX, OptionError
@@ -94,9 +92,8 @@ def all_sources(words):
 
 def shipped(name):
     """Return the path of options/NAME.opts in the repository or an installation, or None."""
-    folders = [Path(__file__).resolve().parents[2] / "options"]
-    folders += [Path(base) / "share" / "pgran" / "options"
-                for base in (sysconfig.get_path("data"), site.getuserbase())]
+    parents = Path(__file__).resolve().parents
+    folders = [parents[2] / "options"] + [parent / "share/pgran/options" for parent in parents]
     paths = (folder / f"{name}.opts" for folder in folders)
     return next((path for path in paths if path.is_file()), None)
 
