@@ -74,7 +74,8 @@ def test_old_names_are_accepted_in_stored_options_only(old, new):
     text = {"mode_file": "mode.h5", "secant": "false"}.get(new, "0.001")
     with pytest.raises(options.OptionError, match=f"now -pgran_{new}" if new else "was removed"):
         parameters(**{old: text})
-    for texts in ({f"pgran_{old}": text}, options.written(f"-pgran_{old} {text}\n")):
+    for texts in ({f"pgran_{old}": text}, options.written(
+            f"-pgran_step_perturbation 0.001\n-pgran_{old} {text}\n")):
         found = cases.read(texts, stored=True)
         assert not hasattr(found, old)
         assert new is None or options.plain(getattr(found, new)) == text
