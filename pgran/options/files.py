@@ -133,11 +133,12 @@ def default_solver(texts):
 def suits(found, texts):
     """Return whether the solver of an options file suits the options {name: text} of a run.
 
-    The type of time stepping must be the same. Multigrid suits only the model of the file.
+    The type of time stepping must be the same. Multigrid is chosen for models of NGF only, because
+    no coarse grid resolves bands of a local rheology.
     """
     if "pc_type" not in found or found.get("ts_type") not in (None, texts.get("ts_type", "beuler")):
         return False
-    return found["pc_type"] == "lu" or _chosen(found, "model") == _chosen(texts, "model")
+    return found["pc_type"] == "lu" or _chosen(texts, "model").startswith("ngf")
 
 
 def _chosen(texts, name):
