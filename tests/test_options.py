@@ -127,7 +127,8 @@ def test_the_default_solver_suits_the_flow():
 
     direct = read_file(shipped("solver_lu"))
     assert solver(model="li") == ("solver_lu", direct) == solver(case="x.py:Case")
-    assert solver()[0] == solver(model="ngf_primitive")[0] == "biaxial" and solver()[1]["pgran_tolerance_full_deviation"] == "1"
+    assert solver()[0] == solver(model="ngf_primitive")[0] == "biaxial"
+    assert solver()[1]["pgran_tolerance_full_deviation"] == "1"
     assert solver(ts="pseudo")[0] == "steady"
     name, texts = solver(case="planar_shear", ts="pseudo", model="li")
     assert name == "planar_shear" and texts["ts_max_steps"] == "200" and "ts_type" not in texts
