@@ -36,6 +36,7 @@ def test_the_documentation_has_every_option():
     ({"mu_s": "0"}, "-pgran_mu_s 0: must be a number > 0"),
     ({"mu_s": "nan"}, "-pgran_mu_s nan: must be"), ({"mu_s": "inf"}, "-pgran_mu_s inf: must be"),
     ({"mu_s": "abc"}, "-pgran_mu_s abc: must be"),
+    ({"checkpoint_steps": "9" * 400}, ": must be an integer >= 1"),
     ({"phi": "1.5"}, "-pgran_phi 1.5: must be a number > 0 and <= 1"),
     ({"law": "newton"}, "-pgran_law newton: expected one of: barker_gray | bingham | jop | "),
     ({"inertia": "maybe"}, "-pgran_inertia maybe: expected one of: true | false"),

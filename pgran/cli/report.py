@@ -51,7 +51,7 @@ def message_of(error):
         return f"error: floating-point error ({error.args[-1]}); check the values of the options"
     if isinstance(error, MemoryError):
         return ("error: not enough memory; use larger elements, fewer elements, or more ranks on "
-                f"more machines {error}".rstrip())
+                f"more machines{f' ({error})' if str(error) else ''}")
     from petsc4py import PETSc
 
     if isinstance(error, PETSc.Error):
