@@ -179,7 +179,7 @@ def test_what_the_coarse_grid_for_all_fields_has_is_solved_exactly_and_leaks_not
 
 @pytest.mark.nightly
 def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_few(tmp_path):
-    """At L = 160 d, 25 instead of 40; at 40 d and 80 d they are 26 and 24 (docs/performance.md)."""
+    """At L = 160 d, 25 instead of 40; at 40 d and 80 d they are 26 and 24 (docs/development/experiments.md)."""
     shape, path = ("-pgran_width", 160, "-pgran_height", 480), tmp_path / "states.h5"
     pgran(0, "biaxial.opts", path, *shape, "-pgran_element_size", 16, "-pgran_compression", 0.001,
           "-pgran_snapshots", 0.001)
@@ -240,7 +240,7 @@ def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
         found[size, ranks] = [row["iterations"] for row in json.loads(done.stdout)["newton"]]
     assert found[2, 1] == found[2, 3]
     most = [max(counts) for counts in found.values()]
-    assert max(most) <= 28, found  # 21 to 27 are measured (docs/performance.md)
+    assert max(most) <= 28, found  # 21 to 27 are measured (docs/development/experiments.md)
     assert max(most) <= 1.15 * min(most), found
 
 
@@ -256,7 +256,7 @@ def test_iterations_do_not_grow_with_inertia_at_any_step(states, snapshot, steps
                          "-pgran_element_size", size, "-pgran_inertia", "true", "-dt", steps,
                          "-ksp_rtol", 1e-6, "-ksp_max_it", 60)
         counts = json.loads(done.stdout)
-        assert max(counts) <= 31, (size, ranks, counts)  # 13 to 29 (docs/performance.md)
+        assert max(counts) <= 31, (size, ranks, counts)  # 13 to 29 (docs/development/experiments.md)
 
 
 @pytest.mark.parametrize("case, more", [
@@ -295,7 +295,7 @@ def test_iterations_do_not_grow_in_flows_on_fixed_meshes(tmp_path, flow):
         with h5py.File(path, "r") as file:
             newton, linear = (file[f"history/{name}_iterations"][...]
                               for name in ("newton", "linear"))
-        assert (linear / newton).max() <= 15.0, (size, ranks, linear / newton)  # docs/flows.md
+        assert (linear / newton).max() <= 15.0, (size, ranks, linear / newton)  # docs/validation_flows.md
 
 
 @pytest.mark.parametrize("size, depth", [(0.5, 1), (0.25, 2)])

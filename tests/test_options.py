@@ -36,6 +36,7 @@ def test_the_documentation_has_every_option():
     ({"mu_s": "0"}, "-pgran_mu_s 0: must be a number > 0"),
     ({"mu_s": "nan"}, "-pgran_mu_s nan: must be"), ({"mu_s": "inf"}, "-pgran_mu_s inf: must be"),
     ({"mu_s": "abc"}, "-pgran_mu_s abc: must be"),
+    ({"checkpoint_steps": "9" * 400}, ": must be an integer >= 1"),
     ({"phi": "1.5"}, "-pgran_phi 1.5: must be a number > 0 and <= 1"),
     ({"law": "newton"}, "-pgran_law newton: expected one of: barker_gray | bingham | jop | "),
     ({"inertia": "maybe"}, "-pgran_inertia maybe: expected one of: true | false"),
@@ -74,7 +75,8 @@ def test_old_names_are_accepted_in_stored_options_only(old, new):
     text = {"mode_file": "mode.h5", "secant": "false"}.get(new, "0.001")
     with pytest.raises(options.OptionError, match=f"now -pgran_{new}" if new else "was removed"):
         parameters(**{old: text})
-    for texts in ({f"pgran_{old}": text}, options.written(f"-pgran_{old} {text}\n")):
+    for texts in ({f"pgran_{old}": text}, options.written(
+            f"-pgran_step_perturbation 0.001\n-pgran_{old} {text}\n")):
         found = cases.read(texts, stored=True)
         assert not hasattr(found, old)
         assert new is None or options.plain(getattr(found, new)) == text
@@ -126,7 +128,8 @@ def test_the_default_solver_suits_the_flow():
 
     direct = read_file(shipped("solver_lu"))
     assert solver(model="li") == ("solver_lu", direct) == solver(case="x.py:Case")
-    assert solver()[0] == "biaxial" and solver()[1]["pgran_tolerance_full_deviation"] == "1"
+    assert solver()[0] == solver(model="ngf_primitive")[0] == "biaxial"
+    assert solver()[1]["pgran_tolerance_full_deviation"] == "1"
     assert solver(ts="pseudo")[0] == "steady"
     name, texts = solver(case="planar_shear", ts="pseudo", model="li")
     assert name == "planar_shear" and texts["ts_max_steps"] == "200" and "ts_type" not in texts

@@ -191,7 +191,7 @@ def test_fieldsplit_and_direct_reach_the_same_answer(tmp_path):
     pgran(2, "biaxial.opts", solved, *band, *EXACT)
     assert max(differences(direct, solved).values()) < 1e-8
     # As shipped, other steps fail while the specimen yields, and all later ones differ: what is
-    # left is the error of the steps, below 1 % (docs/performance.md) whatever Newton's tolerance.
+    # left is the error of the steps, below 1 % (docs/development/experiments.md) whatever Newton's tolerance.
     found = differences(direct, shipped)
     assert max(found[key] for key in ("velocity", "inertial_number")) < 5e-3, found
     assert snapshot(direct)[1]["inertial_number"].max() > 1.5e-3  # a band is there to agree on
@@ -212,7 +212,7 @@ def test_steady_flow_satisfies_the_rigid_viscous_equations(biaxial, tmp_path, re
     done = pgran(2 if restart else 0, "steady.opts", path, *more)
     with h5py.File(path) as file:
         assert file.attrs["steady_residual"] < 1e-8
-    assert "rigid-viscous equations (2.9)-(2.11) hold" in done.stdout
+    assert "residual of the rigid-viscous equations (2.9)-(2.11)" in done.stdout
     assert Result(path).snapshots[0].label == "steady flow"
     row, = band.measure(path)
     assert row["localised"] == restart

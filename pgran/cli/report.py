@@ -51,7 +51,7 @@ def message_of(error):
         return f"error: floating-point error ({error.args[-1]}); check the values of the options"
     if isinstance(error, MemoryError):
         return ("error: not enough memory; use larger elements, fewer elements, or more ranks on "
-                f"more machines {error}".rstrip())
+                f"more machines{f' ({error})' if str(error) else ''}")
     from petsc4py import PETSc
 
     if isinstance(error, PETSc.Error):
@@ -119,7 +119,7 @@ def report_unused(comm):
     used = [name for name in everything if name not in unused]
     texts = []
     for name, value in unused.items():
-        near = difflib.get_close_matches(name, [*used, *AT_END], n=1, cutoff=0.8)
+        near = difflib.get_close_matches(name, [*used, *AT_END], n=1, cutoff=0.85)
         texts.append(f"-{name} {value}".rstrip() + (f" (did you mean -{near[0]}?)" if near else ""))
     if texts and comm.rank == 0:
         print(f"pgran: warning: unused PETSc option(s): {', '.join(texts)}", file=sys.stderr,

@@ -109,9 +109,10 @@ class Option:
         number, listed = int if self.kind in ("int", "ints") else float, self.kind.endswith("s")
         try:
             numbers = tuple(number(part) for part in (text.split(",") if listed else [text]))
-        except ValueError:
-            self.refuse(text)
-        if not all(map(self._within, numbers)) or self.length not in (0, len(numbers)):
+            good = all(map(self._within, numbers)) and self.length in (0, len(numbers))
+        except (ValueError, OverflowError):
+            good = False
+        if not good:
             self.refuse(text)
         return numbers if listed else numbers[0]
 

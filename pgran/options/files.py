@@ -3,8 +3,6 @@
 import os
 import re
 import shlex
-import site
-import sysconfig
 from pathlib import Path
 
 from .errors import PREFIX, OptionError
@@ -94,9 +92,8 @@ def all_sources(words):
 
 def shipped(name):
     """Return the path of options/NAME.opts in the repository or an installation, or None."""
-    folders = [Path(__file__).resolve().parents[2] / "options"]
-    folders += [Path(base) / "share" / "pgran" / "options"
-                for base in (sysconfig.get_path("data"), site.getuserbase())]
+    parents = Path(__file__).resolve().parents
+    folders = [parents[2] / "options"] + [parent / "share/pgran/options" for parent in parents]
     paths = (folder / f"{name}.opts" for folder in folders)
     return next((path for path in paths if path.is_file()), None)
 
@@ -136,11 +133,12 @@ def default_solver(texts):
 def suits(found, texts):
     """Return whether the solver of an options file suits the options {name: text} of a run.
 
-    The type of time stepping must be the same. Multigrid suits only the model of the file.
+    The type of time stepping must be the same. Multigrid is chosen for models of NGF only, because
+    no coarse grid resolves bands of a local rheology.
     """
     if "pc_type" not in found or found.get("ts_type") not in (None, texts.get("ts_type", "beuler")):
         return False
-    return found["pc_type"] == "lu" or _chosen(found, "model") == _chosen(texts, "model")
+    return found["pc_type"] == "lu" or _chosen(texts, "model").startswith("ngf")
 
 
 def _chosen(texts, name):

@@ -136,13 +136,17 @@ class Parameters(SimpleNamespace):
 
 def written(text):
     """Return {name: text} of lines from `Parameters.text`, under the present names of options."""
-    return _renamed(dict(line[1:].split(" ", 1) for line in text.splitlines()))
+    texts = dict(line[1:].split(" ", 1) for line in text.splitlines())
+    if f"{PREFIX}step_perturbation" not in texts:
+        return texts  # not from release 0.2
+    short = {name[len(PREFIX):]: value for name, value in texts.items()}
+    return {PREFIX + name: value for name, value in _renamed(short).items()}
 
 
-def _renamed(texts):
-    """Return {name: text} with the names of release 0.2 replaced; removed options are left out."""
-    new = {PREFIX + old: name and PREFIX + name for old, name in RENAMED.items()}
-    return {new.get(name, name): text for name, text in texts.items() if new.get(name, name)}
+def _renamed(texts, known=()):
+    """Return {name: text} with the names of release 0.2 replaced, except ``known`` names."""
+    new = {name: name if name in known else RENAMED.get(name, name) for name in texts}
+    return {new[name]: text for name, text in texts.items() if new[name]}
 
 
 def table(parts):
@@ -176,11 +180,13 @@ def read(texts, kinds, stored=False):
     ParameterError
         If a value is not allowed, or contradicts another one.
     """
-    texts = {name[len(PREFIX):]: text or "" for name, text in
-             (_renamed(texts) if stored else texts).items() if name.startswith(PREFIX)}
+    texts = {name[len(PREFIX):]: text or "" for name, text in texts.items()
+             if name.startswith(PREFIX)}
     defaults = {option.name: option.default for option in RUN}
     parts = {kind.name: kind.load(texts.get(kind.name, defaults[kind.name])) for kind in kinds}
     options = table(parts)
+    if stored:
+        texts = _renamed(texts, options)
     values = {name: option.default for name, option in options.items()}
     for name, text in texts.items():
         if name in options:

@@ -155,7 +155,8 @@ def attributes(path, options_file, options=()):
     complete = {**default_solver(texts)[1], **texts}
     # Release 0.2 stored only the options that were given.
     allowed = _of_petsc(texts), _of_petsc(complete)
-    return found if parsed(found["solver_options"].split()) in allowed else None
+    lines = found["solver_options"].splitlines()
+    return found if dict(line[1:].partition(" ")[::2] for line in lines) in allowed else None
 
 
 def _of_petsc(texts):
