@@ -386,8 +386,10 @@ def draw(names, directory, results):
             for key, value in data.items():
                 file[key] = value
         print(f"{directory / name}.png, {directory / name}.h5")
+        print("\n| quantity | paper | computed |\n|---|---|---|")
         for text, stated, computed in table:
             shown = f"{computed:.5g}" if isinstance(computed, float) else computed
             if isinstance(computed, (bool, np.bool_)):
                 shown = "yes" if computed else "no"
-            print(f"  {text:76} paper {stated!s:>18}  computed {shown}")
+            print("| " + " | ".join(str(cell).replace("|", "\\|")
+                                    for cell in (text, stated, shown)) + " |")
