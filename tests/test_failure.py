@@ -182,7 +182,7 @@ def test_an_error_that_all_ranks_meet_is_told_once(tmp_path):
     "it was removed while the run wrote it", "it has no checkpoint to go on from",
     "passed over a damaged checkpoint", "a run that goes on cannot change", "no such option",
     "nothing has read", "no -pc_type is given", "failed and others did not", "not enough memory",
-    "GB a rank", "the first step, a tenth of the time of elastic loading", "stopped by SIGTERM",
+    "GB per rank", "the first step, a tenth of the time of elastic loading", "stopped by SIGTERM",
     "it is no result of pgran", "no eigenvalue converged", "ranks are too many",
     "two times to reach lie closer", "is not a number at", "nothing to go on from",
     "standard output cannot be written", "repeat it without making it smaller",

@@ -169,7 +169,7 @@ RUNS = {
     "too stiff": (["-pgran_shear_modulus", "1e9"], "-pgran_step_min 1e-08: the first step"),
     "targets too close": (["-pgran_snapshots", "0.05,0.0500000001"], "two times to reach"),
     "too many elements": (["-pgran_element_size", "1e-3"], "more than the indices"),
-    "more than memory": (["-pgran_element_size", "0.01"], "GB a rank"),
+    "more than memory": (["-pgran_element_size", "0.01"], "GB per rank"),
     "overflow": (["-pgran_width", "1e300"], "-pgran_width 1e+300: makes"),
     "overflow of both": (["-pgran_width", "1e200", "-pgran_element_size", "1e-200"],
                          "-pgran_width 1e+200"),

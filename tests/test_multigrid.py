@@ -217,7 +217,7 @@ def test_the_coarsest_grid_does_not_grow_with_the_specimen(width, depth):
 def test_more_grids_than_elements_allow_are_refused(tmp_path):
     done = pgran(2, "biaxial.opts", tmp_path / "x.h5", "-pgran_element_size", 8,
                  "-fieldsplit_0_pc_mg_levels", 6, check=False)
-    refused(done, "-pc_mg_levels: too many, as one element cannot be joined with others")
+    refused(done, "-pc_mg_levels: too many levels; a grid of one element cannot be coarsened")
 
 
 @pytest.fixture(scope="module")

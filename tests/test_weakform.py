@@ -14,7 +14,7 @@ from mpi4py import MPI
 from pgran.cases import Case, pressure, traction
 from pgran.material.models.ngf import NGF
 from pgran.options import positive
-from pgran.space.chord import chord
+from pgran.space.points import BatchPoints, secant
 from pgran.space.element import SHAPE
 from pgran.space.matrix import stored_values
 from pgran.space.weakform import WeakForm
@@ -182,10 +182,10 @@ def test_matrices_of_blocks_are_the_same(case, more, kind):
 def test_a_chord_reaches_the_root_of_a_parabola_and_tends_to_the_tangent():
     x = np.array([5.0, -3.0])
     value, slope, curvature = (x - 1) * (x - 2), 2 * x - 3, np.full(2, 2.0)
-    assert chord(slope, curvature, -value) == pytest.approx(value / (x - [2.0, 1.0]))
-    assert chord(slope, curvature, np.full(2, -1e-9)) == pytest.approx(slope, rel=1e-9)
-    assert chord(np.array(-0.2), np.array(2.0), np.array(-1.0)) == pytest.approx(-0.1)
-    assert chord(slope, curvature, value) == pytest.approx(slope)  # no steeper than the tangent
+    assert secant(slope, curvature, -value) == pytest.approx(value / (x - [2.0, 1.0]))
+    assert secant(slope, curvature, np.full(2, -1e-9)) == pytest.approx(slope, rel=1e-9)
+    assert secant(np.array(-0.2), np.array(2.0), np.array(-1.0)) == pytest.approx(-0.1)
+    assert secant(slope, curvature, value) == pytest.approx(slope)  # no steeper than the tangent
 
 
 def test_the_defect_of_the_fluidity_equation_is_that_of_the_source():
@@ -371,7 +371,7 @@ def errors(form, local, step, fields):
     total = np.zeros(3)
     owned = owned_elements(form.grid)
     for number, batch in enumerate(form.batches):
-        p = form.points(local, step, number)
+        p = BatchPoints(form, local, step, number)
         nodal = local[form.grid.element_unknowns[:, batch]]
         found = {name: SHAPE @ nodal[form.grid.blocks[name]] for name in form.grid.fields}
         found["P"] = p.P

@@ -344,7 +344,7 @@ class Snapshot:
 
         It is that of the file. Where the file lacks it, as those of earlier releases may, it is
         computed from velocity and coordinates in the way of
-        `pgran.space.weakform.WeakForm.nodal_strains`.
+        `pgran.space.diagnostics.nodal_strains`.
 
         Raises
         ------
