@@ -460,7 +460,7 @@ def test_ring_with_inertia_has_the_centrifugal_pressure():
     given = {"case": "annular_shear", "inner_radius": 2, "outer_radius": 4, "inertial_number": 0.3,
              "element_size": 0.125}
     form, _, _, (exact, corners) = solved(**given, inertia=True)
-    grid, nodal = form.grid, grid.corner_field(corners)
+    grid, nodal = form.grid, form.grid.corner_field(corners)
     owned = grid.nodes.owned
     level = 1.0 - exact[owned].min()
     assert level > 0.02  # what turns presses outward

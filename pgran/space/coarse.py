@@ -29,16 +29,7 @@ def correct(ksp, dm, form):
 
 
 class CoarseCorrection:
-    """The PC of this module, of type python. Collective.
-
-    Parameters
-    ----------
-    inner : PETSc.PC
-        The preconditioner M.
-    dm : PETSc.DM
-        The DM of the system, for M.
-    form : pgran.space.weakform.WeakForm
-    """
+    """The PC of this module, of type python, around a PC ``inner`` with a DM. Collective."""
 
     def __init__(self, inner, dm, form):
         self.inner = inner

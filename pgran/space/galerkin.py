@@ -2,10 +2,8 @@
 
 The spaces of the grids are nested, so the element matrix of a coarse element is a sum over the fine
 elements that it joins. While the fine matrix is filled, a rank sums the matrices of its own
-elements, level by level. Products of sparse matrices would double the memory of the fine matrix and
-are not available for BAIJ, which multiplies fastest.
-
-`Hierarchy` passes these operators to PCMG with ``-fieldsplit_0_pc_mg_galerkin external``.
+elements, level by level. Products of sparse matrices would double the memory of the fine matrix,
+and need AIJ, which multiplies more slowly than BAIJ.
 """
 
 from contextlib import contextmanager
@@ -24,8 +22,8 @@ BATCH = 512
 class GalerkinMatrix:
     """The operator of a `NodeLevel` as a sum of element matrices of the finer level. Collective.
 
-    It has the methods of a `pgran.space.matrix.InPlaceMatrix` that `pgran.space.matrix.fill` calls
-    and uses the entries of the unknowns at nodes, which come first.
+    It has the methods of an `InPlaceMatrix` that `pgran.space.matrix.fill` calls, and uses the
+    entries of the unknowns at nodes, which come first.
 
     Parameters
     ----------
@@ -98,7 +96,7 @@ class GalerkinMatrix:
         return matrix
 
     def _neighbours(self):
-        """Maximum number of neighbours of owned nodes on this rank and on other ranks, (n,) each."""
+        """Maximum numbers of neighbours of owned nodes on this rank and on others, (n,) each."""
         level, widths, inside = self._level, [], []
         for (low, high), n, wrap in zip(level.range, level.shape, level.periodic):
             index = np.arange(low, high)
@@ -183,7 +181,7 @@ class GalerkinMatrix:
     def filling(self, matrix):
         """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective.
 
-        Entries of prescribed unknowns, which no other matrix uses, become zero in ``out``.
+        It sets entries of prescribed unknowns in ``out``, which no other matrix uses, to zero.
         """
         dof = self._dof
         total = np.zeros((dof * dof, NODES, NODES, self._count))
@@ -239,6 +237,9 @@ def first_batches(form):
 class Hierarchy:
     """The operators of coarser grids for PCMG in the first split of PCFIELDSPLIT. Collective.
 
+    PCMG needs ``-fieldsplit_0_pc_mg_galerkin external``. Raises `ParameterError` if options request
+    more grids than the elements allow.
+
     Parameters
     ----------
     ksp : PETSc.KSP
@@ -249,11 +250,6 @@ class Hierarchy:
     ----------
     filled : list of (GalerkinMatrix, PETSc.Mat)
         Further matrices for `pgran.space.weakform.WeakForm.jacobian`.
-
-    Raises
-    ------
-    ParameterError
-        If options request more grids than the elements allow.
     """
 
     def __init__(self, ksp, form):
@@ -297,7 +293,7 @@ def requested():
 
 
 def _children(fine, coarse, axis):
-    """The coarse element of each fine element along one direction, (n,), and its kind, (n,).
+    """The coarse element and the kind of each fine element along one direction, (n,) each.
 
     Also the matrix (3, 3) of each kind from values at the coarse nodes to the fine nodes.
     """

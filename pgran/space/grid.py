@@ -27,14 +27,12 @@ from .element import (
 
 
 class Lattice:
-    """The points of one DMDA on this rank: the Q2 nodes or the corners.
-
-    Local points are the owned ones and their ghosts, x1 fastest.
+    """The points of one DMDA on this rank: Q2 nodes or corners, x1 fastest, ghosts included.
 
     Attributes
     ----------
     i, j : ndarray, (n,)
-        Global indices of the local points, below zero or beyond the end where periodic.
+        Global indices of the points, below zero or beyond the end if periodic.
     owned : ndarray, (n_owned,)
         Local positions of the owned points in global order.
     """
@@ -82,15 +80,13 @@ class Grid:
 
     Attributes
     ----------
-    element_unknowns : ndarray, (rows, n)
-        Local numbers of the unknowns of each element, block by block.
+    element_nodes, element_corners, element_unknowns : ndarray, (..., n)
+        Local nodes, corners and unknowns of each element, the last block by block.
+    blocks : dict
+        The rows of ``element_unknowns`` of v1, v2, g and P, {name: slice}.
     elements : SimpleNamespace
         The local elements, with attributes of a `Lattice`: shape, i, j, owned, and the ranges i0 to
         i1 and j0 to j1 of the owned ones.
-    blocks : dict
-        The rows of ``element_unknowns`` that belong to v1, v2, g and P, {name: slice}.
-    element_nodes, element_corners : ndarray, (nodes, n) and (corners, n)
-        Local nodes and corners of each element.
 
     Raises
     ------
@@ -230,10 +226,7 @@ class Grid:
         return max(self.comm.tompi4py().allgather(values[np.argmax(np.abs(values))]), key=abs)
 
     def with_ghosts(self, values):
-        """Return nodal values (k, n_nodes) with the owners' values at ghosts. Collective.
-
-        k is at most `DIM`.
-        """
+        """Return nodal values (k <= 2, n_nodes) with owners' values at ghosts. Collective."""
         local, vector = np.zeros(self.n_local), self.create_vector()
         self.split(local)[0][:len(values)] = values
         self.from_local(local, vector)
@@ -244,8 +237,8 @@ class Grid:
     def element_ring(self, values):
         """Return values (..., m) of the owned elements and values of their neighbours. Collective.
 
-        The result is (..., rows + 2, columns + 2): the m owned elements in rows of j and columns of
-        i, and a ring of neighbours, corners included. It is zero outside the domain.
+        The result (..., rows + 2, columns + 2) has the m owned elements in rows of j and columns of
+        i, surrounded by a ring of neighbours, corners included. It is zero outside the domain.
         """
         cells, before = self.elements, values.shape[:-1]
         dof = int(np.prod(before))
@@ -291,26 +284,19 @@ class Grid:
         return self.comm.tompi4py().allreduce(found)
 
     def sum_at_nodes(self, values):
-        """Return the sums (n_nodes,) over elements of ``values`` (nodes, n) at their nodes.
-
-        Complete at owned nodes.
-        """
+        """Return sums (n_nodes,) of ``values`` (nodes, n) of elements, complete at owned nodes."""
         return np.bincount(self.element_nodes.ravel(), values.ravel(), minlength=self.nodes.size)
 
     def at_nodes(self, values):
         """Return nodal values (n_nodes,) of a field at the Gauss points, (points, n).
 
-        The biquadratic through the points of each element, averaged over the elements of a node;
-        complete at owned nodes.
+        The biquadratics of the elements are averaged at each node; complete at owned nodes.
         """
         total = self.sum_at_nodes(GAUSS_TO_NODES @ values)
         return total / np.maximum(self.sum_at_nodes(np.ones_like(values)), 1.0)
 
     def corner_field(self, corners):
-        """Return nodal values (n_nodes,) of a Q1 field with corner values (n_corners,).
-
-        Complete at owned nodes, 1 at ghosts without a local element.
-        """
+        """Return nodal values (n_nodes,) of corner values (n_corners,); 1 at unused ghosts."""
         nodal = np.ones(self.nodes.size)
         nodal[self.element_nodes] = CORNER_AT_NODES @ corners[self.element_corners]
         return nodal

@@ -19,11 +19,7 @@ CHUNK = 8192
 
 
 class Field(NamedTuple):
-    """The unknowns of one field.
-
-    ``part`` numbers the `DofLayout` of a matrix, ``number`` the field among the unknowns of a
-    point, and ``points`` (m, n) are the local points of each element.
-    """
+    """Field ``number`` of layout ``part`` of a matrix, at local points (m, n) of the elements."""
 
     part: int
     number: int
@@ -45,16 +41,9 @@ class DofLayout(NamedTuple):
 
 
 class Unknowns:
-    """The rows or columns of a matrix.
+    """The rows or columns of a matrix, numbered locally through a list of `DofLayout`.
 
-    Parameters
-    ----------
-    layouts : list of DofLayout
-        Local numbers count through them.
-    numbers : ndarray, (n,)
-        Global numbers of the local unknowns.
-    held : ndarray of bool, (n,)
-        Prescribed unknowns.
+    ``numbers`` (n,) are their global numbers, and ``held`` (n,) says which are prescribed.
     """
 
     def __init__(self, layouts, numbers, held):
@@ -69,19 +58,10 @@ class Unknowns:
 
 
 class ScatterAdd:
-    """Adds some of the numbers of a batch to an array.
+    """Adds the ``chosen`` numbers of a batch to ``positions`` (n,) of an array.
 
-    Parameters
-    ----------
-    chosen : slice or ndarray, (n,)
-        Positions of the numbers in the batch.
-    positions : ndarray, (n,)
-        Their positions in the array; its length or more for numbers that are left out.
-    length : int
-        Length of the array.
-    known : dict
-        Positions of other batches, relative to their first one. On a structured grid most batches
-        have the same, so that one copy is stored and remains in the cache.
+    Positions from the ``length`` of the array on are ignored. ``known`` holds positions relative to
+    the first one. On a structured grid most batches share them, so that they remain in the cache.
     """
 
     def __init__(self, chosen, positions, length, known):
@@ -101,7 +81,7 @@ class ScatterAdd:
 
 
 def scatter_adds(begin, positions, lengths, known):
-    """Return [(array number, `ScatterAdd`)] for entries of the two arrays of `stored_values`.
+    """Return [(array number, `ScatterAdd`)] for the two arrays of `stored_values`.
 
     The numbers of the batch start at ``begin``. ``positions`` (n,) count through both arrays, which
     have the ``lengths``; larger positions are left out.
@@ -117,14 +97,13 @@ def scatter_adds(begin, positions, lengths, known):
 class InPlaceMatrix:
     """An AIJ or BAIJ matrix whose element matrices are summed in PETSc's own arrays.
 
-    Its creation is collective. In a square matrix, where ``rows`` is ``columns``, the rows of
-    prescribed unknowns are rows of the identity.
+    Its creation is collective. Prescribed rows and columns are empty; in a square matrix, where
+    ``rows`` is ``columns``, prescribed rows are rows of the identity.
 
     Parameters
     ----------
     grid : pgran.space.grid.Grid
     rows, columns : Unknowns
-        The entries of prescribed rows and columns stay empty.
     groups : list of list of Block
         The blocks of an element matrix, in groups whose rows lie close together.
     batches : list of slice
@@ -132,8 +111,7 @@ class InPlaceMatrix:
     first : int
         The first entry of these blocks among all entries of an element.
     blocked : bool
-        Whether the matrix is BAIJ, with the unknowns of a point as blocks. All unknowns of a point
-        then couple, and rows and columns belong to one lattice.
+        Whether the matrix is BAIJ, with the unknowns of the points of one lattice as blocks.
 
     Attributes
     ----------
@@ -245,15 +223,9 @@ class InPlaceMatrix:
 
 
 def fill(parts, batches, evaluate):
-    """Fill several matrices from the same element matrices. Collective.
+    """Fill several (InPlaceMatrix, PETSc.Mat) from the same element matrices. Collective.
 
-    Parameters
-    ----------
-    parts : list of (InPlaceMatrix, PETSc.Mat)
-    batches : list of slice
-        The elements of each batch.
-    evaluate : callable
-        ``evaluate(number, out)`` puts the entries of a batch into ``out``, (n_all, n).
+    ``evaluate(number, out)`` puts the entries of a batch of elements into ``out``, (n_all, n).
     """
     entries = sum(part.entries for part, _ in parts)
     with ExitStack() as stack:
@@ -268,21 +240,8 @@ def fill(parts, batches, evaluate):
 class Sparsity:
     """The entries of the rows that a rank owns, row by row.
 
-    A row of a node or corner has columns for the unknowns of all elements around it.
-
-    Parameters
-    ----------
-    grid : pgran.space.grid.Grid
-    rows, columns : list of DofLayout
-        Local column numbers count through ``columns``, row numbers through the owned points of
-        ``rows``.
-
-    Attributes
-    ----------
-    start : ndarray, (n_rows + 1,)
-        The first entry of each row.
-    size : int
-        Number of entries.
+     A row of a node or corner has columns for the unknowns of all elements around it. Rows and
+    columns are lists of `DofLayout`, and ``start`` has the first entry of each row.
     """
 
     def __init__(self, grid, rows, columns):
@@ -304,8 +263,8 @@ class Sparsity:
     def chunks(self):
         """Yield (rows, start, column) of some rows at a time, in their order.
 
-        ``rows`` is a slice of the owned rows, ``start`` (n + 1,) the first entry of each among
-        these, and ``column`` (m,) the local columns.
+        ``rows`` is a slice of the owned rows, ``start`` (n + 1,) their first entries, counted from
+        the first of these rows, and ``column`` (m,) the local columns.
         """
         first = 0
         for dof, _, _, reach, widths in self._blocks:
@@ -337,10 +296,7 @@ class Sparsity:
         return np.hstack(numbers), np.hstack(used)
 
     def positions(self, block):
-        """Return the numbers of the entries of a `Block`, (n_a, n_b, n).
-
-        They are ``size`` in rows of other ranks.
-        """
+        """Return the numbers (n_a, n_b, n) of entries of a `Block`; ``size`` if not owned."""
         row, column = block
         dof, owned, first, reach, widths = self._blocks[row.part]
         target, target_dof = self._columns[column.part]
@@ -375,9 +331,9 @@ def _span(reach, target):
 
 
 def _stored_positions(matrix, sparsity, numbers):
-    """Positions of the entries in the arrays of a matrix whose values are their own numbers.
+    """Positions (size + 1,) of the entries in a matrix whose values are their numbers.
 
-    The result (size + 1,) counts through both arrays; its last element is their total length.
+    They count through both arrays; the last one is the total length.
     """
     with stored_values(matrix) as arrays:
         kept = np.concatenate(arrays).astype(PETSc.IntType)
@@ -398,15 +354,10 @@ _petsc = ctypes.CDLL(PETSc.__file__)  # the library to which petsc4py is linked
 
 @contextmanager
 def stored_values(matrix):
-    """Give the arrays (n,), (m,) of the values of a matrix, to change them.
+    """Give the arrays of values of a matrix, for the columns of this rank and for the others.
 
-    The first has the columns that this rank owns, the second the others. For AIJ they are sorted by
-    row and global column; for BAIJ they hold block after block.
-
-    Raises
-    ------
-    RuntimeError
-        If PETSc's scalars are not real numbers in double precision.
+    For AIJ they are sorted by row and global column; for BAIJ they hold block after block. Raises
+    RuntimeError if PETSc's scalars are not real numbers in double precision.
     """
     if np.dtype(PETSc.ScalarType) != np.float64:
         raise RuntimeError(f"PETSc was built with scalars of type {np.dtype(PETSc.ScalarType)}; "

@@ -7,8 +7,7 @@ fluidity has coarser grids. The preconditioner can therefore be chosen by option
     -fieldsplit_0_pc_type mg
 
 A coarser grid joins elements in pairs, in both directions; the last one of an odd number is kept.
-The interpolation is the interpolation of the Q2 elements, whose spaces are nested, and coarse
-operators are Galerkin products.
+The Q2 spaces of the grids are nested, and coarse operators are Galerkin products.
 """
 
 import numpy as np
@@ -21,9 +20,8 @@ from .element import Geometry
 def field_shell(form):
     """Return a DM with the fields by name and the coarser grids of a block. Collective.
 
-    PCFIELDSPLIT obtains its splits from this DM: single fields by name, or fields joined by number
-    with ``-pc_fieldsplit_0_fields 0,1``; the prefixes are PETSc's. Corrections from coarser grids
-    do not change the prescribed unknowns.
+    PCFIELDSPLIT obtains its splits and their names from this DM. Corrections from coarser grids do
+    not change the prescribed unknowns.
     """
     grid = form.grid
     return _shell(grid.comm, grid.field_sets(), grid.create_vector(),
@@ -84,8 +82,8 @@ class NodeLevel:
     ----------
     comm : PETSc.Comm
     at : tuple of ndarray
-        Coordinates of the nodes along x1 and x2, in any unit; a periodic grid ends with its first
-        node.
+        Coordinates of the nodes along x1 and x2, in any unit; if periodic, the first
+        node is repeated at the end.
     periodic : tuple of bool
     starts : list of ndarray
         First node index of each part of the ranks, and the end, in x1 and x2.
@@ -123,10 +121,7 @@ class NodeLevel:
         return (max(self.shape) - 1).bit_length()
 
     def coarser(self):
-        """Return the `NodeLevel` of elements joined in pairs. Collective.
-
-        Raises `ParameterError` if there is only one element.
-        """
+        """Return the `NodeLevel` of elements joined in pairs. Collective."""
         if not self.coarsenings:
             raise ParameterError("pc_mg_levels", None, "too many levels; a grid of one element "
                                  "cannot be coarsened", prefix="")
@@ -150,8 +145,7 @@ class NodeLevel:
     def interpolation(self, fine):
         """Return the matrix from unknowns of this level to the next finer level. Collective.
 
-        It interpolates like the elements between free unknowns, and is the identity between
-        prescribed ones.
+        It is the identity between prescribed unknowns.
         """
         (i, across), (j, up) = (
             self._along(axis, fine.range[axis], fine.at[axis]) for axis in range(2))
@@ -179,10 +173,7 @@ class NodeLevel:
         return matrix
 
     def _along(self, axis, span, finer):
-        """Nodes of this level and their weights, (n, degree + 1) each, at fine nodes of a ``span``.
-
-        ``finer`` are the coordinates of all fine nodes along this axis.
-        """
+        """Nodes of this level and weights, (n, degree + 1) each, at fine nodes of a ``span``."""
         kept, x, degree = self.kept[axis], self.at[axis], self.degree
         fine = np.arange(*span)
         element = np.searchsorted(kept[degree:-1:degree], fine)
@@ -207,7 +198,7 @@ def _joined_nodes(n, degree):
 
 
 def lagrange(nodes, x):
-    """Return the weights (n, m) at ``x`` (n,) of the polynomials with values at ``nodes`` (n, m)."""
+    """Return the weights (n, m) at ``x`` (n,) of polynomials with values at ``nodes`` (n, m)."""
     diagonal = np.eye(nodes.shape[1])
     distances = nodes[:, :, None] - nodes[:, None, :] + diagonal
     factors = np.where(diagonal > 0.0, 1.0, x[:, None, None] - nodes[:, None, :])

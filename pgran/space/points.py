@@ -13,18 +13,16 @@ from .element import DIM, NODES
 def secant(slope, curvature, change):
     """Return the slope of the secant over which a function changes by ``change``, (points, n).
 
-    ``slope`` F' and ``curvature`` F'' are (points, n). The root of F + F' x + F'' x^2/2 = F +
-    change close to x = change/F' has the secant::
+    With ``slope`` F' and ``curvature`` F'', x = change/F' improved to second order has the secant::
 
         change/x = (F' + sign(F') sqrt(F'^2 + 2 F'' change))/2
 
-    The result is never steeper than the tangent. Without a root, x is the extremum of the parabola,
-    whose secant is F'/2.
+    The result is never steeper than the tangent, and F'/2 where the parabola has no root.
 
-    F = (A^2 d^2/xi^2) (g - g_loc) vanishes at mu_s and where g = g_loc. Far from these two roots
-    they act as a double root, at which Newton's method only halves the error per iteration. The
-    secant over which F changes by the residual converges faster there. It tends to the tangent as
-    the residual vanishes, so that the convergence stays quadratic.
+    F = (A^2 d^2/xi^2) (g - g_loc) has close roots at mu_s and where g = g_loc. Far from them they
+    act as a double root, at which Newton's method only halves the error per iteration. The secant
+    over which F changes by the residual converges faster, and tends to the tangent as the residual
+    vanishes.
     """
     below = np.minimum(2.0 * curvature * change, 0.0)
     root = np.sqrt(np.maximum(slope**2 + below, 0.0))
@@ -47,11 +45,9 @@ class BatchPoints:
     gradients : list
         gradients[i][j] = d v_i/d x_j, (points, n), base flow included.
     nodal : ndarray, (rows, n)
-        Unknowns of the elements, block by block.
+        Unknowns of the elements, block by block; ``nodal_g`` (nodes, n) are the fluidities or None.
     d11, d22, d12, gdot, P, divergence : ndarray, (points, n)
         Effective strain rate D~ = D + theta S/2 and its magnitude, pressure, and div v.
-    nodal_g : ndarray, (nodes, n), or None
-        Nodal fluidity.
     """
 
     def __init__(self, form, local, increment, number):
@@ -116,10 +112,7 @@ class BatchPoints:
                                fluidity=viscosity.fluidity * self.gdot / self.P)
 
     def secant_source(self, defect):
-        """Return F with the slope in mu of the `secant` over which F falls by the ``defect``.
-
-        The ``defect`` (points, n) and the values of the returned `WithDerivatives` are in gdot0.
-        """
+        """Return F, with the slope in mu of the `secant` over which it falls by a defect."""
         source, mu = self.response.source, self.stress_ratio_slopes()
         slope = source.rate / mu.rate
         curvature = self._material.model.curvature(
@@ -140,23 +133,17 @@ class BatchPoints:
 
 
 class RulePoints:
-    """Points of another quadrature rule in some elements of a batch.
+    """Points of another quadrature rule in the ``chosen`` elements (m,) of a batch.
 
     mu is the biquadratic through its values at the Gauss points, where it satisfies equilibrium.
-    Computed from the local strain rate, it would be divided by a fluidity or a pressure that may
-    vanish.
+    The local strain rate would be divided by a fluidity or a pressure that may vanish.
 
     Attributes
     ----------
-    rule : pgran.space.element.Rule
-    chosen : ndarray, (m,)
-        Positions of the elements in the batch.
     nodes : ndarray, (k,)
         The nodes of an element whose rows contain the integral.
-    tests : ndarray, (rule points, k)
-        Their shape functions.
-    weight : ndarray, (rule points, m)
-        Positive weights.
+    tests, weight : ndarray, (rule points, k) and (rule points, m)
+        Their shape functions and the quadrature weights.
     arguments : tuple
         The law, s, mu, P and g at the points, the arguments of a model.
     value : pgran.material.models.WithDerivatives
@@ -184,8 +171,8 @@ class WallPoints(RulePoints):
 class SurfacePoints(RulePoints):
     """The source F of the fluidity equation close to a free surface.
 
-    F is singular there if it contains g^2/s, since s vanishes like the root of the depth. With a
-    ``defect`` (n_nodes,) the slope in mu is that of the `secant`, as in `WeakForm.jacobian`.
+    If F contains g^2/s it is singular there, since s vanishes like the root of the depth. With a
+    ``defect`` (n_nodes,) the slope in mu is the slope of the `secant`.
     """
 
     def __init__(self, form, p, rule, chosen, law, defect=None):

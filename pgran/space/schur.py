@@ -1,14 +1,13 @@
 """Approximation of the pressure Schur complement.
 
-With a viscosity eta and the storage rho = phi rho_s/dt of the velocity, the inverse of this
-complement is close to the sum of its limits without inertia and without viscosity (Cahouet &
-Chabard 1988)::
+With a viscosity eta and the storage rho = phi rho_s/dt of the velocity, its inverse is close to the
+sum of its limits without inertia and without viscosity (Cahouet & Chabard 1988)::
 
     -(M^-1 + L^-1),      M = (q, P/eta),      L = B D^-1 B^T
 
 B is the divergence of the free velocities, and D their lumped mass matrix times rho. So L is a
-Laplacian with the right boundary conditions: zero pressure where the velocity is free, and no flux
-where it is held. Options choose this preconditioner, and the solver of each part::
+Laplacian with zero pressure where the velocity is free, and no flux where it is held. Without
+inertia there is no L. Options choose this preconditioner, and the solver of each part::
 
     -pc_fieldsplit_schur_precondition user
     -fieldsplit_pressure_pc_type python
@@ -16,7 +15,7 @@ where it is held. Options choose this preconditioner, and the solver of each par
     -fieldsplit_pressure_viscous_pc_type sor
     -fieldsplit_pressure_inertial_pc_type gamg
 
-Without inertia there is no L. Any other PC uses M only.
+Any other PC uses M only.
 """
 
 import numpy as np
@@ -29,11 +28,7 @@ INERTIAL = "pgran_inertial"
 
 
 def configure(ksp, form):
-    """Pass a `SchurPreconditioner` to PCFIELDSPLIT if options request it. Collective.
-
-    Returns the preconditioner, which is to be filled, or None without
-    ``-pc_fieldsplit_schur_precondition user``.
-    """
+    """Return the `SchurPreconditioner` that options request, or None. Collective."""
     pc = ksp.getPC()
     prefix = pc.getOptionsPrefix() or ""
     kind = PETSc.Options().getString(f"{prefix}pc_fieldsplit_schur_precondition", "")
@@ -47,14 +42,7 @@ def configure(ksp, form):
 class SchurPreconditioner:
     """The matrices -M and -L of a form. Creating and filling them is collective.
 
-    Parameters
-    ----------
-    form : pgran.space.weakform.WeakForm
-
-    Attributes
-    ----------
-    viscous : PETSc.Mat
-        -M, with which PETSc stores the last -L.
+    ``viscous`` is -M, with which PETSc stores the last -L.
     """
 
     def __init__(self, form):
@@ -70,10 +58,7 @@ class SchurPreconditioner:
                 PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=grid.comm))
 
     def fill(self, local, shift, increment, jacobian):
-        """Fill them for the unknowns ``local`` (n_local,) and the ``jacobian`` there.
-
-        ``shift`` is an argument of `WeakForm.jacobian`, gdot0.
-        """
+        """Fill them for unknowns (n_local,) and their ``jacobian`` with a ``shift``, gdot0."""
         self._form.pressure_mass(local, increment, self.viscous)
         storage = self._form.lumped_storage(shift, increment)
         if storage is not None:

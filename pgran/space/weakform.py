@@ -101,8 +101,7 @@ class Increment:
     load : ndarray, (2, n_nodes)
         Nodal forces of the tractions, stress times d.
     decay : float
-        eps in F + eps g, which limits the cooperativity length to A d/sqrt(eps); zero in the
-        equations themselves.
+        eps in F + eps g, which limits the cooperativity length to A d/sqrt(eps); zero by default.
     """
 
     x: np.ndarray
@@ -120,11 +119,6 @@ class WeakForm:
 
     All arrays of unknowns are local, (grid.n_local,), as `Grid.to_local` returns them. Only the
     creation of a form, and methods that create or fill a matrix, are collective.
-
-    Parameters
-    ----------
-    grid : pgran.space.grid.Grid
-    case : pgran.cases.Case
     """
 
     def __init__(self, grid, case):
@@ -161,10 +155,7 @@ class WeakForm:
         return walls
 
     def _surfaces_of(self, batch):
-        """The elements of a batch close to free surfaces: (rule, positions (m,), their law).
-
-        An element that is close to two surfaces has the rule of the closer one.
-        """
+        """The elements of a batch at free surfaces: (closest rule, positions (m,), law)."""
         sides = self.case.free_surfaces
         if not (self.grid.has_fluidity and sides):
             return []
@@ -190,8 +181,7 @@ class WeakForm:
     def increment(self, x, stress, theta, time, rate_from=None):
         """Return the `Increment` that ends at a time.
 
-        Prescribed rates are differences from the time ``rate_from``, and zero without it. The other
-        arguments are attributes of `Increment`.
+        Prescribed rates are differences from the time ``rate_from``, and zero without it.
         """
         values = self.prescribed(time)
         rates = np.zeros_like(values)
@@ -245,10 +235,10 @@ class WeakForm:
         return self.collect(local, increment, lambda p: p.response.stress_ratio)
 
     def spurious_root(self, local, increment):
-        """Return the largest mu_loc(I) - mu_s of elements at a spurious root of F. Collective.
+        """Return the largest mu_loc(I) - mu_s at a spurious root of F, or 0. Collective.
 
-        An element is at this root if all its Gauss points are, see `Model.spurious_root`. Without
-        such elements the result is zero. With this value as ``increment.decay`` the root is absent.
+        An element is at this root if all its Gauss points are, see `Model.spurious_root`. With the
+        result as ``increment.decay`` the root is absent.
         """
         if not self.grid.has_fluidity:
             return 0.0
@@ -257,19 +247,15 @@ class WeakForm:
         return self.grid.comm.tompi4py().allreduce(float(worst.max(initial=0.0)), MPI.MAX)
 
     def spin(self, velocity, x):
-        """Return the spin (d v2/d x1 - d v1/d x2)/2, (points, n), of a nodal velocity (2, n_nodes).
-
-        ``x`` (2, n_nodes) are the nodes, d.
-        """
+        """Return the spin (d v2/d x1 - d v1/d x2)/2, (points, n), of a nodal velocity."""
         (_, l12), (l21, _) = self.grid.gradient(velocity, x)
         return (l21 - l12) / 2.0
 
     # Residual
 
     def residual(self, local, rate, increment):
-        """Return the residual of the owned rows, (n_owned,).
+        """Return the residual of the owned rows, (n_owned,), from unknowns and their rates.
 
-        ``local`` are the unknowns and ``rate`` their time derivatives, (n_local,).
         Rows of prescribed unknowns contain value minus prescribed value.
         """
         total = self.forces(local, rate, increment)
@@ -395,9 +381,9 @@ class WeakForm:
     def create_matrix(self, kind="aij"):
         """Return an empty parallel matrix with the sparsity of the Jacobian. Collective.
 
-        ``kind`` is aij for a single matrix, or nest for a matrix of blocks for the unknowns at
-        nodes and the pressures, which PCFIELDSPLIT uses directly. With blocked the first block is
-        BAIJ, which multiplies twice as fast, but has no products with other matrices.
+        ``kind`` is aij for a single matrix, or nest for blocks of the nodes and the pressures,
+        which PCFIELDSPLIT uses directly. With blocked the first block is BAIJ, which multiplies
+        twice as fast, but has no products with other matrices.
         """
         matrices = [[part.create() for part in row] for row in self._element_matrices(kind)]
         if kind == "aij":
@@ -418,8 +404,8 @@ class WeakForm:
     def fluidity_defect(self, rows, increment):
         """Return the residual of the fluidity equation at the nodes, (n_nodes,), gdot0. Collective.
 
-        The ``rows`` (n_owned,) come from `residual`; each is divided by the integral of its test
-        function. Ghosts have the values of their owners.
+        It is the part of the ``rows`` (n_owned,) from `residual`, divided by the integral of the
+        test functions. Ghosts have the values of their owners.
         """
         grid, local = self.grid, np.zeros(self.grid.n_local)
         local[grid.owned] = rows
@@ -432,10 +418,9 @@ class WeakForm:
     def jacobian(self, local, shift, increment, matrix, defect=None, more=()):
         """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective.
 
-        Rows and columns of prescribed unknowns are rows and columns of the identity. With a
-        ``defect`` (n_nodes,) from `fluidity_defect`, dF/dmu is the slope of the `secant` over which
-        F falls by the defect. ``more`` are further parts and matrices for
-        `pgran.space.matrix.fill`.
+        Prescribed unknowns have rows and columns of the identity. With a ``defect`` (n_nodes,) from
+        `fluidity_defect`, dF/dmu is the slope of the `secant` over which F falls by the defect.
+        ``more`` are further parts and matrices for `pgran.space.matrix.fill`.
         """
         local = np.where(self.held, increment.prescribed, local)
         kind = "aij" if matrix.getType() != PETSc.Mat.Type.NEST else "blocked" if (
@@ -514,10 +499,7 @@ class WeakForm:
                     out[entries, chosen] = values
 
     def _rule_tangents(self, p, found):
-        """Yield entries (nodes, columns, 1) of the element matrices and their values.
-
-        The values (nodes, columns, m) are derivatives of the rows of `RulePoints`.
-        """
+        """Yield entries (nodes, columns, 1) for `RulePoints`, and their values."""
         rule, chosen, value = found.rule, found.chosen, found.value
         weight, mu = found.weight, p.stress_ratio_slopes()
         turned = p.direction_pulled_back()[..., chosen]
@@ -544,10 +526,7 @@ class WeakForm:
             yield entries[:, :, None], values
 
     def pressure_mass(self, local, increment, matrix):
-        """Fill ``matrix`` with -(q, P/viscosity), close to the pressure Schur complement.
-
-        Rows of prescribed pressures are rows of the identity, as in the Jacobian. Collective.
-        """
+        """Fill ``matrix`` with -(q, P/viscosity), and the identity where P is held. Collective."""
         local = np.where(self.held, increment.prescribed, local)
 
         def masses(number, out):
@@ -559,7 +538,7 @@ class WeakForm:
             fill([(self._mass, matrix)], self.batches, masses)
 
     def lumped_storage(self, shift, increment):
-        """Return shift phi rho_s times the lumped mass of the owned velocities, (2 n_owned,).
+        """Return shift phi rho_s times the lumped mass of owned velocities, (2 n_owned,).
 
         It is in stress d^2/(d gdot0), node by node; ``shift`` in gdot0. None without inertia.
         """
