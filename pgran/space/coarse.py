@@ -38,7 +38,10 @@ class CoarseCorrection:
         levels = (multigrid.node_level(form, multigrid.flow_fields(form)),
                   multigrid.corner_level(form))
         self._up = [_interpolation(level, multigrid.resolving(form)) for level in levels]
-        self._vectors = [up.createVecs() for up in self._up]
+        nodes, corners = self._up
+        self.interpolation = PETSc.Mat().createNest(
+            [[nodes, None], [None, corners]], comm=form.grid.comm)
+        self.interpolation.convert(PETSc.Mat.Type.AIJ)
         self._coarse = PETSc.KSP().create(comm=form.grid.comm)
         self._coarse.setOptionsPrefix("coarse_")
         self._coarse.setType(PETSc.KSP.Type.PREONLY)
@@ -73,32 +76,13 @@ class CoarseCorrection:
     def apply(self, pc, x, y):
         """Put the preconditioned ``x`` into ``y``."""
         matrix, _ = pc.getOperators()
-        self._correct(x, self._fine)
+        self.interpolation.multTranspose(x, self._right)
+        self._coarse.solve(self._right, self._solution)
+        self.interpolation.mult(self._solution, self._fine)
         matrix.mult(self._fine, self._rest)
         self._rest.aypx(-1.0, x)
         self.inner.apply(self._rest, y)
         y.axpy(1.0, self._fine)
-
-    def _correct(self, x, y):
-        """Put Q ``x`` into ``y``."""
-        fine, found = x.getArray(readonly=1), y.getArray()
-        for up, below, above, fine_part, coarse_part in self._parts():
-            above.setArray(fine[fine_part])
-            up.multTranspose(above, below)
-            self._right.getArray()[coarse_part] = below.getArray(readonly=1)
-        self._coarse.solve(self._right, self._solution)
-        for up, below, above, fine_part, coarse_part in self._parts():
-            below.setArray(self._solution.getArray(readonly=1)[coarse_part])
-            up.mult(below, above)
-            found[fine_part] = above.getArray(readonly=1)
-
-    def _parts(self):
-        """Interpolation, vectors, and local positions of the unknowns at nodes and at corners."""
-        fine = coarse = 0
-        for up, (below, above) in zip(self._up, self._vectors):
-            sizes = above.getLocalSize(), below.getLocalSize()
-            yield up, below, above, slice(fine, fine + sizes[0]), slice(coarse, coarse + sizes[1])
-            fine, coarse = fine + sizes[0], coarse + sizes[1]
 
 
 def _interpolation(level, times):

@@ -455,34 +455,34 @@ class WeakForm:
             coefficient = self.storage[field]
             return element.VALUE_VALUE @ (coefficient * shift * weight) if coefficient else None
 
-        turned = p.direction_pulled_back()                     # n_ik d xi_r/d x_k
+        direction = p.direction_pulled_back()                     # n_ik d xi_r/d x_k
         viscous = weight * viscosity.value
         metric = np.einsum("krqe,ksqe->rsqe", inverse, inverse)
         tangent = weight * viscosity.rate * p.gdot if np.ndim(viscosity.rate) else None
         inertia = mass("velocity")
         if self.convective:  # (w, (v.grad) dv)
-            carrying = np.einsum("kqe,ksqe->sqe", p.total_velocity, inverse) * weight
-            carrying = element.VALUE_SLOPE @ (self.storage["velocity"] * carrying).reshape(-1, n)
-            inertia = carrying if inertia is None else inertia + carrying
+            convection = np.einsum("kqe,ksqe->sqe", p.total_velocity, inverse) * weight
+            convection = element.VALUE_SLOPE @ (self.storage["velocity"] * convection).reshape(-1, n)
+            inertia = convection if inertia is None else inertia + convection
         for i, row in enumerate(self.grid.velocities):
             for j, column in enumerate(self.grid.velocities):
                 factors = viscous * (inverse[j][:, None] * inverse[i][None, :])
                 if i == j:
                     factors += viscous * metric
                 if tangent is not None:
-                    factors += tangent * (turned[i][:, None] * turned[j][None, :])
+                    factors += tangent * (direction[i][:, None] * direction[j][None, :])
                 put(row, column, element.SLOPE_SLOPE, factors)
                 if i == j and inertia is not None:
                     out[rows[row, column]] += inertia
                 if self.convective:  # (w, (dv.grad) v)
                     out[rows[row, column]] += element.VALUE_VALUE @ (
                         self.storage["velocity"] * weight * p.gradients[i][j])
-            along = weight * p.gdot * turned[i]
+            along = weight * p.gdot * direction[i]
             put(row, "P", element.SLOPE_CORNER, viscosity.pressure * along - weight * inverse[i])
             put("P", row, element.CORNER_SLOPE, -weight * inverse[i])
             if self.grid.has_fluidity:
                 put(row, "g", element.SLOPE_VALUE, viscosity.fluidity * along)
-                put("g", row, element.VALUE_SLOPE, source_weight * source.rate * turned[i])
+                put("g", row, element.VALUE_SLOPE, source_weight * source.rate * direction[i])
         if self.grid.has_fluidity:
             put("g", "g", element.SLOPE_SLOPE, self.material.model.diffusion * weight * metric)
             out[rows["g", "g"]] += element.VALUE_VALUE @ (source_weight * source.fluidity)
@@ -502,7 +502,7 @@ class WeakForm:
         """Yield entries (nodes, columns, 1) for `RulePoints`, and their values."""
         rule, chosen, value = found.rule, found.chosen, found.value
         weight, mu = found.weight, p.stress_ratio_slopes()
-        turned = p.direction_pulled_back()[..., chosen]
+        direction = p.direction_pulled_back()[..., chosen]
 
         def at(values):
             return np.broadcast_to(values, p.gdot.shape)[:, chosen]
@@ -519,7 +519,7 @@ class WeakForm:
                 + np.einsum("qa,qb,qe->abe", found.tests, shape, weight * change))
         for i, column in enumerate(self.grid.velocities):
             factors[column] = np.einsum("ape,rpb,rpe->abe", by_mu, element.SHAPE_SLOPE,
-                                        rate * turned[i])
+                                        rate * direction[i])
         for column, values in factors.items():
             first, columns = self._rows["g", column].start, values.shape[1]
             entries = first + found.nodes[:, None] * columns + np.arange(columns)
