@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import plain as loops
 import pytest
-from conftest import at_rest, discretised, newton, noise, owned_elements
+from conftest import at_rest, discretised, newton, noise
 from mpi4py import MPI
 
 from pgran.cases import Case, pressure, traction
@@ -16,7 +16,7 @@ from pgran.material.models.ngf import NGF
 from pgran.options import positive
 from pgran.space.element import SHAPE
 from pgran.space.matrix import stored_values
-from pgran.space.points import BatchPoints, secant
+from pgran.space.points import secant
 from pgran.space.weakform import WeakForm
 
 COMM = MPI.COMM_WORLD
@@ -132,12 +132,12 @@ def test_the_storage_term_of_a_model_enters_residual_and_jacobian():
     rate = np.zeros(grid.n_local)
     grid.split(rate)[1][:] = 1.0 + x[0]
     stored, without = (f.residual(local, rate, at_rest(f, x, 0.2)) for f in (form, plain))
-    # The storage of a linear rate, summed over all nodes, is its integral times the coefficient.
-    total = COMM.allreduce((stored - without).sum())
-    weight = COMM.allreduce(sum(
-        (g.weight * (1.0 + SHAPE @ x[0][grid.element_nodes[:, b]]) * owned_elements(grid)[b]).sum()
-        for b in form.batches for g in [at_rest(form, x, 0.2).geometry[b]]))
-    assert total == pytest.approx(3.0 * weight, rel=1e-12)
+    # The sum over all nodes is the integral of the rate times the coefficient.
+    geometry = at_rest(form, x, 0.2).geometry
+    integral = (geometry.weight * (1.0 + SHAPE @ x[0][grid.element_nodes]))[
+        :, grid.elements.owned].sum()
+    assert COMM.allreduce((stored - without).sum()) == pytest.approx(
+        3.0 * COMM.allreduce(integral), rel=1e-12)
     assert_jacobian_is_derivative(form, local, at_rest(form, x, 0.2))
 
 
@@ -347,18 +347,14 @@ def manufactured_fields(material, model, law, theta):
 
 def errors(form, local, step, fields):
     """L2 errors of v, g and P."""
-    total = np.zeros(3)
-    owned = owned_elements(form.grid)
-    for number, batch in enumerate(form.batches):
-        p = BatchPoints(form, local, step, number)
-        nodal = local[form.grid.element_unknowns[:, batch]]
-        found = {name: SHAPE @ nodal[form.grid.blocks[name]] for name in form.grid.fields}
-        found["P"] = p.P
-        weight = p.geometry.weight * owned[batch]
-        square = {key: (weight * (value - fields[key](*p.x))**2).sum()
-                  for key, value in found.items()}
-        total += [square["v1"] + square["v2"], square["g"], square["P"]]
-    return np.sqrt(COMM.allreduce(total))
+    def squares(p):
+        v1, v2 = p.velocity
+        found = {"v1": v1, "v2": v2, "g": SHAPE @ p.nodal_g, "P": p.P}
+        found = {name: (values - fields[name](*p.x))**2 for name, values in found.items()}
+        return np.array([found["v1"] + found["v2"], found["g"], found["P"]])
+
+    values = step.geometry.weight * form.collect(local, step, squares)
+    return np.sqrt(COMM.allreduce(values[..., form.grid.elements.owned].sum(axis=(1, 2))))
 
 
 @pytest.mark.parametrize("model", ["ngf", "ngf_primitive"])
