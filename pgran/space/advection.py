@@ -55,7 +55,7 @@ class Advection:
         x, velocity = x[:, nodes], velocity[:, nodes]
         geometry = Geometry(x)
         self._weight = geometry.weight
-        # Velocity along the reference directions, in which an element has the length 2.
+        # Velocity along the reference directions; an element has the length 2.
         self._speed = np.einsum("irqe,iqe->rqe", geometry.inverse, SHAPE @ velocity)
         crossed = np.abs(self._speed).sum(axis=0).max(initial=0.0) / 2.0
         self.rate = grid.comm.tompi4py().allreduce(crossed, MPI.MAX)

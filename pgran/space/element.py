@@ -87,12 +87,12 @@ def _across(axis, points, weights):
 
     Its points along the other direction are Gauss points.
     """
-    places, factors = [GAUSS_1D, GAUSS_1D], [WEIGHTS_1D, WEIGHTS_1D]
-    places[axis], factors[axis] = np.asarray(points), np.asarray(weights)
-    (first, first_slope), (second, second_slope) = map(quadratic, places)
+    positions, factors = [GAUSS_1D, GAUSS_1D], [WEIGHTS_1D, WEIGHTS_1D]
+    positions[axis], factors[axis] = np.asarray(points), np.asarray(weights)
+    (first, first_slope), (second, second_slope) = map(quadratic, positions)
     shape = _tensor(second, first)
     return Rule(shape, np.array([_tensor(second, first_slope), _tensor(second_slope, first)]),
-                _tensor(linear(places[1]), linear(places[0])), shape @ GAUSS_TO_NODES,
+                _tensor(linear(positions[1]), linear(positions[0])), shape @ GAUSS_TO_NODES,
                 np.outer(factors[1], factors[0]).ravel())
 
 

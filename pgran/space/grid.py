@@ -106,9 +106,6 @@ class Grid:
         self._parts, self._cells = self._partition(), {}
         self.nodes = Lattice(comm, shape, periodic, self._parts, 2, self.dof)
         self.corners = Lattice(comm, shape, periodic, self._parts, 1, 1)
-        for number, name in enumerate(("velocity_1", "velocity_2", "fluidity")[:self.dof]):
-            self.nodes.dm.setFieldName(number, name)
-        self.corners.dm.setFieldName(0, "pressure")
         self.dm = PETSc.DMComposite().create(comm=comm)
         self.dm.addDM(self.nodes.dm)
         self.dm.addDM(self.corners.dm)

@@ -169,7 +169,7 @@ class InPlaceMatrix:
         return np.concatenate(ones)
 
     def _pattern(self, sparsity):
-        """A matrix with all entries of ``sparsity``, whose values are their own numbers."""
+        """A matrix with all entries of ``sparsity``, whose values are entry numbers."""
         comm, numbers = self._grid.comm, self._columns.numbers
         ranks, n_rows, n_columns = comm.tompi4py(), self._rows.n_owned, self._columns.n_owned
         last, total = ranks.scan(n_columns), ranks.allreduce(n_columns)
@@ -349,7 +349,7 @@ def _stored_positions(matrix, sparsity, numbers):
     return stored
 
 
-_petsc = ctypes.CDLL(PETSc.__file__)  # the library to which petsc4py is linked
+_petsc = ctypes.CDLL(PETSc.__file__)  # linked to petsc4py
 
 
 @contextmanager

@@ -42,7 +42,7 @@ def configure(ksp, form):
 class SchurPreconditioner:
     """The matrices -M and -L of a form. Creating and filling them is collective.
 
-    ``viscous`` is -M, with which PETSc stores the last -L.
+    ``viscous`` is -M. PETSc stores the last -L with it.
     """
 
     def __init__(self, form):
