@@ -462,7 +462,8 @@ class WeakForm:
         inertia = mass("velocity")
         if self.convective:  # (w, (v.grad) dv)
             convection = np.einsum("kqe,ksqe->sqe", p.total_velocity, inverse) * weight
-            convection = element.VALUE_SLOPE @ (self.storage["velocity"] * convection).reshape(-1, n)
+            convection = element.VALUE_SLOPE @ (
+                self.storage["velocity"] * convection).reshape(-1, n)
             inertia = convection if inertia is None else inertia + convection
         for i, row in enumerate(self.grid.velocities):
             for j, column in enumerate(self.grid.velocities):
