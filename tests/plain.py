@@ -1,7 +1,4 @@
-"""The kernels of `pgran.weakform` once more, one element, point and node after the other.
-
-Slow and plain: what the vectorised ones are held to. For NGF and LI, without storage.
-"""
+"""Reference implementation of `pgran.space.weakform` by loops, for NGF and LI without storage."""
 
 import numpy as np
 
@@ -65,18 +62,16 @@ def element_arrays(form, local, increment, e):
 def assembled(form, local, increment):
     """Residual (n_local,) and dense Jacobian (n_local, n_local), complete in owned rows."""
     grid, held = form.grid, form.held
-    given, local = local, np.where(held, increment.prescribed, local)
+    values, local = local, np.where(held, increment.prescribed, local)
     forces, tangent = np.zeros(grid.n_local), np.zeros((grid.n_local, grid.n_local))
     for e in range(grid.n_elements):
         unknowns = grid.element_unknowns[:, e]
         with np.errstate(invalid="ignore", divide="ignore"):
             part, block = element_arrays(form, local, increment, e)
-        for a, row in enumerate(unknowns):
-            forces[row] += part[a]
-            for b, column in enumerate(unknowns):
-                tangent[row, column] += block[a, b]
+        np.add.at(forces, unknowns, part)
+        np.add.at(tangent, np.ix_(unknowns, unknowns), block)
     grid.split(forces)[0][:] -= increment.load
-    forces[held] = (given - increment.prescribed)[held]
+    forces[held] = (values - increment.prescribed)[held]
     tangent[held], tangent[:, held] = 0.0, 0.0
     tangent[held, held] = 1.0
     return forces, tangent

@@ -175,7 +175,7 @@ def test_an_error_that_all_ranks_meet_is_told_once(tmp_path):
     "it was removed while the run wrote it", "it has no checkpoint to resume from",
     "skipped a damaged checkpoint", "a restarted run cannot change", "unknown option",
     "unused PETSc option", "no -pc_type is given", "failed and others did not", "not enough memory",
-    "GB a rank", "the first step, a tenth of the time of elastic loading", "stopped by SIGTERM",
+    "GB per rank", "the first step, a tenth of the time of elastic loading", "stopped by SIGTERM",
     "not a pgran result file", "no eigenvalue converged", "ranks are too many",
     "two times to reach lie closer", "is NaN or infinite at", "nothing to go on from",
     "standard output cannot be written", "repeat it without making it smaller",

@@ -19,6 +19,7 @@ from pgran.output.reader import stored_parameters
 from pgran.output.writer import write_once
 from pgran.solve.driver import AcceptedStep
 from pgran.space import element
+from pgran.space.diagnostics import nodal_fields
 from pgran.space.grid import Grid
 from pgran.space.weakform import WeakForm
 from pgran.theory import profiles
@@ -178,7 +179,7 @@ def test_the_inertial_number_has_a_value_where_the_pressure_vanishes():
     local, increment = disturbed(form, 0.0)
     pressure = form.grid.split(local)[2]
     pressure -= 0.5 + 1e-9  # negative by rounding at the free surface
-    fields, owned = form.nodal_fields(local, increment), form.grid.nodes.owned
+    fields, owned = nodal_fields(form, local, increment), form.grid.nodes.owned
     I, P = fields["inertial_number"][owned], fields["pressure"][owned]
     assert COMM.allreduce(P.min(initial=1.0), MPI.MIN) < 0.0
     assert np.isfinite(I).all()
@@ -387,7 +388,7 @@ def solved(**given):
     increment = form.increment(x, stress, 1e-9, 0.0)
     local = newton(form, increment, grid.join(velocity, fluidity,
                                               case.steady(profile, corners)[2]), 1e-9)
-    found = grid.split(local)[0], form.nodal_fields(local, increment)["fluidity"]
+    found = grid.split(local)[0], nodal_fields(form, local, increment)["fluidity"]
     return form, (velocity, fluidity), found, (pressure, grid.split(local)[2])
 
 
@@ -459,7 +460,7 @@ def test_ring_with_inertia_has_the_centrifugal_pressure():
     given = {"case": "annular_shear", "inner_radius": 2, "outer_radius": 4, "inertial_number": 0.3,
              "element_size": 0.125}
     form, _, _, (exact, corners) = solved(**given, inertia=True)
-    grid, nodal = form.grid, form.corner_field(corners)
+    grid, nodal = form.grid, form.grid.corner_field(corners)
     owned = grid.nodes.owned
     level = 1.0 - exact[owned].min()
     assert level > 0.02  # what turns presses outward

@@ -1,6 +1,6 @@
-"""The Jacobian is exact, homogeneous flow is exact, and the discretisation has its orders.
+"""Residual, Jacobian, exactness for homogeneous flow, and order of convergence.
 
-Every test here runs unchanged on any number of ranks.
+All tests run on any number of ranks.
 """
 
 from dataclasses import dataclass
@@ -8,20 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 import plain as loops
 import pytest
-from conftest import at_rest, discretised, newton, noise, owned_elements
+from conftest import at_rest, discretised, newton, noise
 from mpi4py import MPI
 
 from pgran.cases import Case, pressure, traction
 from pgran.material.models.ngf import NGF
 from pgran.options import positive
-from pgran.space.chord import chord
 from pgran.space.element import SHAPE
 from pgran.space.matrix import stored_values
+from pgran.space.points import secant
 from pgran.space.weakform import WeakForm
 
 COMM = MPI.COMM_WORLD
 #: Scale of the flow and of the fluidity: regimes of the stress ratio around mu_s.
-REGIMES = {"flowing": (1.0, 1.0), "still": (0.2, 1.0), "loading": (0.1, 0.0)}
+REGIMES = {"flowing": (1.0, 1.0), "frozen": (0.2, 1.0), "loading": (0.1, 0.0)}
 
 
 def distorted(form, amount=0.1):
@@ -46,16 +46,33 @@ SHAPES = {"biaxial": {"width": 4, "height": 6, "element_size": 1},
 LAWS = {"bingham": {}, "jop": {"mu_2": 6.0}, "barker_gray": {"b": 2.0}}
 MODELS = [("ngf", "bingham"), ("ngf", "jop"), ("ngf_primitive", "bingham"),
           ("ngf_primitive", "jop"), ("li", "bingham"), ("li", "jop"), ("li", "barker_gray")]
-#: (case, model, law, regime, theta, inertia), so that each term is there in each form that it has:
-#: the rheology of each model and law in each regime, ...
+#: (case, model, law, regime, theta, inertia): the rheology of each model and law in each regime,
+#: the rigid-viscous limit of each model, inertia, and the base flow of a cell.
 STATES = [("biaxial", model, law, regime, 0.2, False)
           for model, law in MODELS for regime in REGIMES]
-#: ... the rigid-viscous limit of each model, inertia, and the base flow of a cell.
 STATES += [("biaxial", model, "jop", regime, 0.0, False)
-           for model in ("ngf", "ngf_primitive", "li") for regime in ("flowing", "still")]
+           for model in ("ngf", "ngf_primitive", "li") for regime in ("flowing", "frozen")]
 STATES += [(case, model, "bingham", "flowing", theta, True)
            for model in ("ngf", "ngf_primitive", "li")
            for case, theta in (("biaxial", 0.2), ("periodic", 0.2), ("periodic", 0.0))]
+
+
+def product(form, matrix, local):
+    """The owned rows of a matrix times local unknowns."""
+    vector, result = form.grid.create_vector(), form.grid.create_vector()
+    form.grid.from_local(local, vector)
+    matrix.mult(vector, result)
+    return result.array.copy()
+
+
+def assert_jacobian_is_derivative(form, local, step, shift=7.0, size=1e-6):
+    change, matrix = noise(form.grid, 11), form.create_matrix()
+    form.jacobian(local, shift, step, matrix)
+    ends = [form.residual(local + h * change, h * shift * change, step) for h in (size, -size)]
+    difference = (ends[0] - ends[1]) / (2.0 * size)
+    error, norm = (np.sqrt(COMM.allreduce(d @ d)) for d in
+                   (difference - product(form, matrix, change), difference))
+    assert error < 1e-6 * norm
 
 
 @pytest.mark.parametrize("case, model, law, regime, theta, inertia", STATES)
@@ -76,24 +93,13 @@ def test_jacobian_is_the_derivative_of_the_residual(case, model, law, regime, th
     # The base flow of the cell always flows, LI cannot rest without elasticity, and the law of
     # Barker and Gray has no yield value.
     if case == "biaxial" and (model != "li" or theta) and law != "barker_gray":
-        assert {"flowing": above, "still": below, "loading": below}[regime]
+        assert {"flowing": above, "frozen": below, "loading": below}[regime]
 
-    shift, change = 7.0, noise(grid, 11)
-    matrix = form.create_matrix()
-    form.jacobian(local, shift, step, matrix)
-    given, product = grid.create_vector(), grid.create_vector()
-    grid.from_local(change, given)
-    matrix.mult(given, product)
-    size = 1e-6
-    ends = [form.residual(local + h * change, h * shift * change, step) for h in (size, -size)]
-    difference = (ends[0] - ends[1]) / (2.0 * size)
-    error, norm = (np.sqrt(COMM.allreduce(d @ d)) for d in
-                   (difference - product.array, difference))
-    assert error < 1e-6 * norm
+    assert_jacobian_is_derivative(form, local, step)
 
 
 class Submerged(Case):
-    """A piece of material at rest under one pressure on all of its deformed sides."""
+    """Material at rest under the same pressure on all deformed sides."""
 
     shape = 3, 2
 
@@ -104,26 +110,21 @@ class Submerged(Case):
         return np.array([i * 0.5, j * 0.5])
 
 
-def on_grid(base, case):
-    """Return the form of another case on the grid of ``base``."""
-    return WeakForm(base.grid, case)
-
-
 @dataclass(frozen=True)
 class Relaxing(NGF):
-    """NGF whose fluidity takes time: a model of one's own with a storage term."""
+    """A user-defined model: NGF with a storage term of the fluidity."""
 
     A: float
     relaxation_time: float
 
-    rows = (*NGF.options, positive("relaxation_time", 3.0, "1/gdot0", "time of the fluidity"))
+    options = (*NGF.options, positive("relaxation_time", 3.0, "1/gdot0", "time of the fluidity"))
 
     @property
     def storage(self):
         return {"fluidity": self.relaxation_time}
 
 
-def test_a_storage_term_of_a_model_enters_residual_and_jacobian():
+def test_the_storage_term_of_a_model_enters_residual_and_jacobian():
     form = discretised(model=f"{__file__}:Relaxing", inertial_number=0.1, **SHAPES["biaxial"])
     plain = discretised(inertial_number=0.1, **SHAPES["biaxial"])
     grid = form.grid
@@ -131,64 +132,43 @@ def test_a_storage_term_of_a_model_enters_residual_and_jacobian():
     rate = np.zeros(grid.n_local)
     grid.split(rate)[1][:] = 1.0 + x[0]
     stored, without = (f.residual(local, rate, at_rest(f, x, 0.2)) for f in (form, plain))
-    # The storage of a linear rate, summed over all nodes, is its integral times the coefficient.
-    total = COMM.allreduce((stored - without).sum())
-    weight = COMM.allreduce(sum(
-        (g.weight * (1.0 + SHAPE @ x[0][grid.element_nodes[:, b]]) * owned_elements(grid)[b]).sum()
-        for b in form.batches for g in [at_rest(form, x, 0.2).geometry[b]]))
-    assert total == pytest.approx(3.0 * weight, rel=1e-12)
-    shift, change, size = 7.0, noise(grid, 11), 1e-6
-    matrix, step = form.create_matrix(), at_rest(form, x, 0.2)
-    form.jacobian(local, shift, step, matrix)
-    given, product = grid.create_vector(), grid.create_vector()
-    grid.from_local(change, given)
-    matrix.mult(given, product)
-    ends = [form.residual(local + h * change, h * shift * change, step) for h in (size, -size)]
-    difference = (ends[0] - ends[1]) / (2.0 * size)
-    assert np.abs(difference - product.array).max() < 1e-6 * np.abs(difference).max()
-
-
-def test_matrices_belong_to_the_caller():
-    form = discretised(**SHAPES["biaxial"])
-    x, local = state(form, "flowing")
-    step = at_rest(form, x, 0.2)
-    first = form.create_matrix()
-    form.jacobian(local, 0.0, step, first)
-    norm = first.norm()
-    first.destroy()
-    second = form.create_matrix()
-    form.jacobian(local, 0.0, step, second)
-    assert second.norm() == pytest.approx(norm, rel=1e-14)
+    # The sum over all nodes is the integral of the rate times the coefficient.
+    geometry = at_rest(form, x, 0.2).geometry
+    integral = (geometry.weight * (1.0 + SHAPE @ x[0][grid.element_nodes]))[
+        :, grid.elements.owned].sum()
+    assert COMM.allreduce((stored - without).sum()) == pytest.approx(
+        3.0 * COMM.allreduce(integral), rel=1e-12)
+    assert_jacobian_is_derivative(form, local, at_rest(form, x, 0.2))
 
 
 @pytest.mark.parametrize("kind", ["nest", "blocked"])
 @pytest.mark.parametrize("case, more", [
     *((case, {}) for case in SHAPES), ("periodic", {"cell_elements": 2 * max(1, COMM.size - 1)})],
     ids=[*SHAPES, "two elements around"])
-def test_matrices_of_blocks_are_the_same(case, more, kind):
+def test_all_kinds_of_matrices_are_equal_and_can_be_created_and_filled_again(case, more, kind):
     form = discretised(case=case, **{**SHAPES[case], **more})
-    grid, (x, local) = form.grid, state(form, "flowing")
+    x, local = state(form, "flowing")
     products = []
-    for how in "aij", kind:
-        matrix, given, product = form.create_matrix(how), grid.create_vector(), grid.create_vector()
-        for _ in range(2):  # filled twice, it is not twice as large
+    for name in "aij", kind, kind:
+        matrix = form.create_matrix(name)
+        for _ in range(2):
             form.jacobian(local, 3.0, at_rest(form, x, 0.2, 0.1), matrix)
-        grid.from_local(noise(grid, 5), given)
-        matrix.mult(given, product)
-        products.append(product.array.copy())
+        products.append(product(form, matrix, noise(form.grid, 5)))
+        matrix.destroy()
     assert products[1] == pytest.approx(products[0], rel=1e-12, abs=1e-11)
+    assert products[2] == pytest.approx(products[1], rel=1e-14, abs=1e-14)
 
 
-def test_a_chord_reaches_the_root_of_a_parabola_and_tends_to_the_tangent():
+def test_a_secant_reaches_the_root_of_a_parabola_and_tends_to_the_tangent():
     x = np.array([5.0, -3.0])
     value, slope, curvature = (x - 1) * (x - 2), 2 * x - 3, np.full(2, 2.0)
-    assert chord(slope, curvature, -value) == pytest.approx(value / (x - [2.0, 1.0]))
-    assert chord(slope, curvature, np.full(2, -1e-9)) == pytest.approx(slope, rel=1e-9)
-    assert chord(np.array(-0.2), np.array(2.0), np.array(-1.0)) == pytest.approx(-0.1)
-    assert chord(slope, curvature, value) == pytest.approx(slope)  # no steeper than the tangent
+    assert secant(slope, curvature, -value) == pytest.approx(value / (x - [2.0, 1.0]))
+    assert secant(slope, curvature, np.full(2, -1e-9)) == pytest.approx(slope, rel=1e-9)
+    assert secant(np.array(-0.2), np.array(2.0), np.array(-1.0)) == pytest.approx(-0.1)
+    assert secant(slope, curvature, value) == pytest.approx(slope)  # no steeper than the tangent
 
 
-def test_the_defect_of_the_fluidity_equation_is_that_of_the_source():
+def test_the_fluidity_defect_is_the_weighted_residual():
     form = discretised(**SHAPES["biaxial"])
     grid, (x, local) = form.grid, state(form, "flowing")
     step = at_rest(form, x, 0.2)
@@ -209,7 +189,7 @@ def test_scalars_other_than_real_doubles_are_refused(monkeypatch):
 
 
 class Pulled(Submerged):
-    """The same piece, pulled by a traction of fixed direction on its top, 3 d long."""
+    """The same material with a traction of fixed direction on its top, 3 d long."""
 
     def tractions(self, time):
         return {"top": traction((0.2, -0.1))}
@@ -220,12 +200,12 @@ def test_loads_have_their_sign_and_size(load, area):
     form = discretised(width=3, height=2, element_size=1,
                        **({"body_force": "0.2,-0.1"} if load == "body_force" else {}))
     if load == "traction":
-        form = on_grid(form, Pulled(form.case.parameters))
+        form = WeakForm(form.grid, Pulled(form.case.parameters))
     grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    still = grid.join(np.zeros_like(x), np.ones(grid.nodes.size), np.zeros(grid.corners.size))
-    # The sum over all nodes; the pressures on the faces of the specimen cancel each other.
-    rows = form.forces(still, np.zeros(grid.n_local), at_rest(form, x, 0.0))
+    local = grid.join(np.zeros_like(x), np.ones(grid.nodes.size), np.zeros(grid.corners.size))
+    # Sums over all nodes; the pressures on the faces of the specimen cancel each other.
+    rows = form.forces(local, np.zeros(grid.n_local), at_rest(form, x, 0.0))
     total = [COMM.allreduce(part.sum()) for part in grid.split(rows)[0][:, grid.nodes.owned]]
     np.testing.assert_allclose(total, [-0.2 * area, 0.1 * area], rtol=1e-12)
 
@@ -233,7 +213,7 @@ def test_loads_have_their_sign_and_size(load, area):
 @pytest.mark.parametrize("case, model, law", [
     *(("biaxial", model, law) for model, law in MODELS),
     *(("periodic", model, "jop") for model in ("ngf", "ngf_primitive", "li"))])
-def test_vectorised_kernels_are_those_of_plain_loops(monkeypatch, case, model, law):
+def test_vectorised_kernels_agree_with_loops(monkeypatch, case, model, law):
     monkeypatch.setattr("pgran.space.weakform.BATCH", 5)  # several batches, the last one short
     form = discretised(case=case, model=model, law=law, inertial_number=0.1, **SHAPES[case],
                        **LAWS[law])
@@ -244,8 +224,7 @@ def test_vectorised_kernels_are_those_of_plain_loops(monkeypatch, case, model, l
     np.testing.assert_allclose(form.residual(local, 0.0 * local, step), forces[grid.owned],
                                rtol=1e-12, atol=1e-12 * np.abs(forces).max())
     matrix = form.create_matrix()
-    for _ in range(2):  # a matrix that is filled again keeps nothing of the first time
-        form.jacobian(local, 0.0, step, matrix)
+    form.jacobian(local, 0.0, step, matrix)
     starts, columns, values = matrix.getValuesCSR()
     rows = np.repeat(np.arange(grid.n_owned), np.diff(starts))
     found = np.zeros((grid.n_owned, matrix.getSize()[1]))
@@ -275,7 +254,7 @@ def test_homogeneous_flow_is_exact_on_a_distorted_mesh(model, law):
 
 def test_pressure_follows_the_deformed_normal():
     base = discretised(model="ngf", width=3, height=2, element_size=1)
-    form = on_grid(base, Submerged(base.case.parameters))
+    form = WeakForm(base.grid, Submerged(base.case.parameters))
     grid = form.grid
     x = distorted(form, 0.15)
     local = grid.join(np.zeros_like(x), np.ones(grid.nodes.size), np.full(grid.corners.size, 2.0))
@@ -368,23 +347,19 @@ def manufactured_fields(material, model, law, theta):
 
 def errors(form, local, step, fields):
     """L2 errors of v, g and P."""
-    total = np.zeros(3)
-    owned = owned_elements(form.grid)
-    for number, batch in enumerate(form.batches):
-        p = form.points(local, step, number)
-        nodal = local[form.grid.element_unknowns[:, batch]]
-        found = {name: SHAPE @ nodal[form.grid.blocks[name]] for name in form.grid.fields}
-        found["P"] = p.P
-        weight = p.geometry.weight * owned[batch]
-        square = {key: (weight * (value - fields[key](*p.x))**2).sum()
-                  for key, value in found.items()}
-        total += [square["v1"] + square["v2"], square["g"], square["P"]]
-    return np.sqrt(COMM.allreduce(total))
+    def squares(p):
+        v1, v2 = p.velocity
+        found = {"v1": v1, "v2": v2, "g": SHAPE @ p.nodal_g, "P": p.P}
+        found = {name: (values - fields[name](*p.x))**2 for name, values in found.items()}
+        return np.array([found["v1"] + found["v2"], found["g"], found["P"]])
+
+    values = step.geometry.weight * form.collect(local, step, squares)
+    return np.sqrt(COMM.allreduce(values[..., form.grid.elements.owned].sum(axis=(1, 2))))
 
 
 @pytest.mark.parametrize("model", ["ngf", "ngf_primitive"])
 @pytest.mark.parametrize("law, theta", [("bingham", 0.3), ("jop", 0.0)])
-def test_errors_fall_with_order_3_in_v_and_g_and_2_in_p(law, theta, model):
+def test_the_order_of_convergence_is_3_in_v_and_g_and_2_in_p(law, theta, model):
     found, meshes, fields = [], (4, 8, 16), None
     for elements in meshes:
         base = discretised(model=model, law=law, mu_s=0.3, inertial_number=0.3, width=2, height=2,
@@ -392,7 +367,7 @@ def test_errors_fall_with_order_3_in_v_and_g_and_2_in_p(law, theta, model):
         material = base.material
         fields = fields or manufactured_fields(material, model, law, theta)
         case = Manufactured(base.case, elements, fields)
-        form = on_grid(base, case)
+        form = WeakForm(base.grid, case)
         grid = form.grid
         x = case.coordinates(grid.nodes.i, grid.nodes.j)
         corners = case.coordinates(2 * grid.corners.i, 2 * grid.corners.j)

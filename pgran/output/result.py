@@ -318,7 +318,7 @@ class Snapshot:
         """Return one of `pgran.material.elasticity.strain_fields`, (ny, nx, ...).
 
         If the file lacks it, such as the file of a mode, it is computed as in
-        `pgran.space.weakform.WeakForm.nodal_strains`. Raises `ResultError` for a strain since the
+        `pgran.space.diagnostics.nodal_strains`. Raises `ResultError` for a strain since the
         start on a fixed mesh, and if the nodes do not form elements.
         """
         if name in self._read or name in self.names:

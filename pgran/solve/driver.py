@@ -9,7 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..options import Interrupted, OptionError, ParameterError, SolutionError
-from ..space import coarse, galerkin, multigrid
+from ..space import coarse, diagnostics, galerkin, multigrid, schur
 from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
 from .controller import LEAST_SHARE, StepController
@@ -48,7 +48,7 @@ class AcceptedStep:
 
     def reaction(self, side):
         """Return the force (2,) on a side of the material, stress times d. Collective."""
-        return self._comm.allreduce(self.form.reaction(self._forces, side))
+        return self._comm.allreduce(diagnostics.reaction(self.form.grid, self._forces, side))
 
     def torque(self, side):
         """Return the torque about the origin on a side, stress times d^2. Collective."""
@@ -65,9 +65,10 @@ class AcceptedStep:
         form, x = self.form, self._x
         nodal = velocity(form, self._local, x)
         if side:
-            sums = form.side_integrals(nodal, x, side)
+            sums = diagnostics.side_integrals(form.grid, nodal, x, side)
         else:
-            sums = form.integrals(nodal, Geometry(x[:, form.grid.element_nodes]))
+            sums = diagnostics.integrals(
+                form.grid, nodal, Geometry(x[:, form.grid.element_nodes]))
         sums = self._comm.allreduce(sums)
         return sums[:DIM] / sums[DIM]
 
@@ -163,15 +164,15 @@ class Driver:
         if self._behind:
             return Balance(**{name: self._behind.get(name) for name in names})
         state, still = self.state, not self.comm.allreduce(bool(self.state.stress.any()), MPI.LOR)
-        stored, _ = self.form.stored(state.local, state.stress,
-                                     Geometry(state.x[:, self.grid.element_nodes]))
+        stored, _ = diagnostics.stored_energy(self.form, state.local, state.stress,
+                                              Geometry(state.x[:, self.grid.element_nodes]))
         power = 0.0 if still else None  # without stress nothing works yet
         return Balance(stored, received=power, dissipated=power)
 
     def _create_ts(self):
         form = self.form
         kind = matrix_type()
-        if kind == PETSc.Mat.Type.NEST and galerkin.asked() and not (
+        if kind == PETSc.Mat.Type.NEST and galerkin.requested() and not (
                 self.parameters.coarse_correction):
             kind = "blocked"
         self.matrix = form.create_matrix(kind)
@@ -198,8 +199,8 @@ class Driver:
         ts.setFromOptions()
         self._check_options(ts)
         ksp = ts.getSNES().getKSP()
-        self.schur = multigrid.configure(ksp, form)
-        self.hierarchy = galerkin.Hierarchy(ksp, form) if galerkin.asked() else None
+        self.schur = schur.configure(ksp, form)
+        self.hierarchy = galerkin.Hierarchy(ksp, form) if galerkin.requested() else None
         if self.parameters.coarse_correction:
             self._correction = coarse.correct(ksp, ts.getDM(), form)
         return ts
@@ -541,9 +542,11 @@ class Driver:
             "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX),
             **self.case.observe(AcceptedStep(self.form, self.state.time, local, forces, increment.x))}
         if self.balance:
-            self.balance.add(dt, *self.form.power(local, forces, increment))
-            report.update(self.balance.report(*self.form.stored(
-                local, self.state.stress, Geometry(self.state.x[:, self.grid.element_nodes]))))
+            self.balance.add(dt, *diagnostics.power(
+                self.form, local, forces, increment))
+            report.update(self.balance.report(*diagnostics.stored_energy(
+                self.form, local, self.state.stress,
+                Geometry(self.state.x[:, self.grid.element_nodes]))))
         return report
 
     # What observers ask for
@@ -580,8 +583,9 @@ class Driver:
         """
         local, _, increment = self._committed
         form, x = self.form, self.state.x
-        speed, fields = velocity(form, local, x), form.nodal_fields(local, increment)
-        deviator = np.array([form.at_nodes(part) for part in self.state.stress])
+        speed, fields = velocity(form, local, x), diagnostics.nodal_fields(
+            form, local, increment)
+        deviator = np.array([form.grid.at_nodes(part) for part in self.state.stress])
         pressure = np.multiply.outer([1.0, 1.0, 0.0], fields["pressure"])
         return {"coordinates": x, "velocity": speed, **fields, "deviator": deviator,
-                "stress_tensor": deviator - pressure, **form.nodal_strains(speed, x)}
+                "stress_tensor": deviator - pressure, **diagnostics.nodal_strains(form, speed, x)}

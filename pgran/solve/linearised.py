@@ -227,7 +227,7 @@ def write_mode(path, form, rate, mode, option=("output", PREFIX)):
     velocity, fluidity, pressure = grid.split(mode[x.size:x.size + grid.n_local])
     displacement = mode[:x.size].reshape(x.shape)
     fields = {"coordinates": x + SHOWN * displacement, "displacement": displacement,
-              "velocity": velocity, "pressure": form.corner_field(pressure)}
+              "velocity": velocity, "pressure": form.grid.corner_field(pressure)}
     if fluidity is not None:
         fields["fluidity"] = fluidity
     writer = write_once(path, form, fields, option, growth_rate=rate, complete=True)

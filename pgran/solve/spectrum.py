@@ -281,7 +281,7 @@ def write_mode(path, form, rate, mode):
             field[owned].sum(), MPI.SUM) / comm.allreduce(owned.size, MPI.SUM)
             for field, owned in ((pressure, grid.corners.owned), (fluidity, grid.nodes.owned)))
     fields = {"coordinates": case.coordinates(grid.nodes.i, grid.nodes.j), "velocity": velocity,
-              "pressure": form.corner_field(pressure), "speed": np.hypot(*velocity)}
+              "pressure": form.grid.corner_field(pressure), "speed": np.hypot(*velocity)}
     if fluidity is not None:
         fields["fluidity"] = fluidity
     if case.parameters.restart:

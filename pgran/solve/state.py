@@ -83,8 +83,8 @@ class State:
     def nodal(self, form):
         """Return velocity, pressure, perhaps fluidity, and deviator at nodes, {name: (..., n)}."""
         velocity, fluidity, pressure = form.grid.split(self.local)
-        fields = {"velocity": velocity, "pressure": form.corner_field(pressure),
-                  "deviator": np.array([form.at_nodes(part) for part in self.stress])}
+        fields = {"velocity": velocity, "pressure": form.grid.corner_field(pressure),
+                  "deviator": np.array([form.grid.at_nodes(part) for part in self.stress])}
         return fields if fluidity is None else {**fields, "fluidity": fluidity}
 
     # On any number of ranks

@@ -1,15 +1,14 @@
 """Transport of fields at the Gauss points through a fixed mesh, ds/dt + v.grad s = 0.
 
-The fields are biquadratic within each element and may jump between elements. The scheme is the
-upwind discontinuous Galerkin method with the Gauss points as nodes, so that its mass matrix is
-diagonal::
+The scheme is the upwind discontinuous Galerkin method with biquadratic elements and the Gauss
+points as nodes, so that its mass matrix is diagonal::
 
     (w, ds/dt) = -(w, v.grad s) - <w, max(-v.n, 0) (s - s_upwind)>
 
-for all biquadratic w, where the last term is the integral over the sides of an element, n is the
-outward normal and s_upwind is the value on the other side. Time integration is the third-order
-Runge-Kutta method with as many substeps as stability needs, so that a step may have any size. The
-order is 3 in space and time, and a uniform field stays uniform to rounding.
+The last term is the integral over the sides of an element, n is the outward normal, and s_upwind is
+the value on the other side. The third-order Runge-Kutta method takes as many substeps as stability
+requires, so that a step may have any size. The order is 3 in space and time, and a uniform field
+remains uniform to rounding.
 """
 
 import math
@@ -34,17 +33,15 @@ MEAN = WEIGHTS / WEIGHTS.sum()
 
 
 class Advection:
-    """Advects fields at the Gauss points with a flow through a fixed mesh. Making it is collective.
+    """Advects fields at the Gauss points with a flow through a fixed mesh. Collective.
 
-    Where material enters the domain, it brings the mean value of the element that it enters.
+    Where material enters the domain, it has the mean value of the element that it enters.
 
     Parameters
     ----------
     grid : pgran.space.grid.Grid
-    velocity : ndarray, (2, n_nodes)
-        Velocity of the material, d gdot0.
-    x : ndarray, (2, n_nodes)
-        Coordinates of the nodes, d.
+    velocity, x : ndarray, (2, n_nodes)
+        Velocity of the material, d gdot0, and coordinates of the nodes, d.
 
     Attributes
     ----------
@@ -58,7 +55,7 @@ class Advection:
         x, velocity = x[:, nodes], velocity[:, nodes]
         geometry = Geometry(x)
         self._weight = geometry.weight
-        # Velocity along the reference directions, in which an element has the length 2.
+        # Velocity along the reference directions; an element has the length 2.
         self._speed = np.einsum("irqe,iqe->rqe", geometry.inverse, SHAPE @ velocity)
         crossed = np.abs(self._speed).sum(axis=0).max(initial=0.0) / 2.0
         self.rate = grid.comm.tompi4py().allreduce(crossed, MPI.MAX)
@@ -70,18 +67,18 @@ class Advection:
 
     @staticmethod
     def _inflow_through(name, axis, sign, velocity, x):
-        """Return the weighted inflow (side points, m) through a side of m elements, d^2 gdot0."""
+        """The weighted inflow (side points, m) through a side of m elements, d^2 gdot0."""
         rule = SIDES[name]
         (v1, v2), (t1, t2) = rule.shape @ velocity, rule.slope[1 - axis] @ x
         along = (v1 * t2 - v2 * t1) * (1, -1)[axis]
         return rule.weights[:, None] * np.maximum(-sign * along, 0.0)
 
     def courant_number(self, dt):
-        """Return the largest number of elements that material crosses in a time, 1/gdot0."""
+        """Return the largest number of elements that material crosses in ``dt``, 1/gdot0."""
         return self.rate * dt
 
     def advect(self, fields, dt):
-        """Return fields (k, points, n) as they are after a time ``dt``, 1/gdot0. Collective."""
+        """Return fields (k, points, n) after a time ``dt``, 1/gdot0. Collective."""
         count = max(1, math.ceil(self.courant_number(dt) / SUBSTEP))
         h, values = dt / count, fields[..., self.grid.elements.owned]
         for _ in range(count):
@@ -91,7 +88,7 @@ class Advection:
         return self.grid.with_ghost_elements(values)
 
     def _slope(self, values):
-        """Return ds/dt (k, points, m) of values at the Gauss points of the m owned elements."""
+        """ds/dt (k, points, m) of values at the Gauss points of the m owned elements."""
         table = TABLE @ values
         k, _, m = table.shape
         inner = table[:, DIM * POINTS:].reshape(k, len(FACES), -1, m)
@@ -103,7 +100,7 @@ class Advection:
         return -(self._speed * slopes).sum(axis=1) - lifted / self._weight
 
     def _across(self, inner):
-        """Return the values on the other side of each side, as ``inner`` (k, sides, points, m)."""
+        """The values on the other side of each side, shaped as ``inner`` (k, sides, points, m)."""
         ring, outer = self.grid.element_ring(inner), np.empty_like(inner)
         for number, (_, axis, sign) in enumerate(FACES):
             i, j = (slice(1 + shift, ring.shape[-1 - other] - 1 + shift) for other, shift in

@@ -1,9 +1,8 @@
 """Q2 and Q1 shape functions, quadrature and mapped quadrilaterals.
 
-Nodes and Gauss points of an element are counted with x1 fastest: a = 3 j + i
-for the Q2 nodes and Gauss points, a = 2 j + i for the corners. Fields
-at Gauss points are arrays (`POINTS`, n): point first, element last, so that products
-with the constant tables below are single matrix products over all elements.
+Nodes and Gauss points of an element are counted with x1 fastest: a = 3 j + i for Q2 nodes and Gauss
+points, a = 2 j + i for corners. Fields at Gauss points are arrays (`POINTS`, n): point first,
+element last, so that one matrix product with a table evaluates all elements.
 """
 
 from typing import NamedTuple
@@ -65,12 +64,11 @@ SIDE_SHAPE, SIDE_SLOPE = _N, _DN
 
 
 class Rule(NamedTuple):
-    """Points of an element, and the tables of the shape functions there.
+    """Points of an element, and tables at these points.
 
-    ``shape`` (points, nodes) and ``slope`` (directions, points, nodes) are those of the Q2
-    functions, ``corner_shape`` (points, corners) those of the Q1 functions, ``from_gauss``
-    (points, points of the volume) takes a field at the Gauss points of the volume to these points,
-    and ``weights`` (points,) are those of the quadrature.
+    It has Q2 shape functions ``shape`` (points, nodes) and their slopes ``slope`` (directions,
+    points, nodes), Q1 functions ``corner_shape`` (points, corners), interpolation ``from_gauss``
+    (points, Gauss points) and quadrature ``weights`` (points,).
     """
 
     shape: np.ndarray
@@ -87,14 +85,14 @@ VOLUME = Rule(SHAPE, SHAPE_SLOPE, CORNER_SHAPE, np.eye(POINTS), WEIGHTS)
 def _across(axis, points, weights):
     """The `Rule` of ``points`` and ``weights`` (n,) along reference direction ``axis``.
 
-    Along the other direction it has Gauss points.
+    Its points along the other direction are Gauss points.
     """
-    places, factors = [GAUSS_1D, GAUSS_1D], [WEIGHTS_1D, WEIGHTS_1D]
-    places[axis], factors[axis] = np.asarray(points), np.asarray(weights)
-    (first, first_slope), (second, second_slope) = map(quadratic, places)
+    positions, factors = [GAUSS_1D, GAUSS_1D], [WEIGHTS_1D, WEIGHTS_1D]
+    positions[axis], factors[axis] = np.asarray(points), np.asarray(weights)
+    (first, first_slope), (second, second_slope) = map(quadratic, positions)
     shape = _tensor(second, first)
     return Rule(shape, np.array([_tensor(second, first_slope), _tensor(second_slope, first)]),
-                _tensor(linear(places[1]), linear(places[0])), shape @ GAUSS_TO_NODES,
+                _tensor(linear(positions[1]), linear(positions[0])), shape @ GAUSS_TO_NODES,
                 np.outer(factors[1], factors[0]).ravel())
 
 
@@ -107,8 +105,7 @@ SIDES = {side: _across(axis, [end], [1.0]) for side, (axis, end) in ENDS.items()
 def _root_rule(side):
     """The `Rule` that integrates functions of the root of the distance to a side.
 
-    With the distance 2 s^2 from the side, three Gauss points in s are exact for the root to the
-    powers -1 to 4.
+    With the distance 2 s^2, three Gauss points in s are exact for powers -1 to 4 of the root.
     """
     (axis, end), s = ENDS[side], (1.0 + GAUSS_1D) / 2.0
     return _across(axis, end * (1.0 - 2.0 * s**2), 2.0 * s * WEIGHTS_1D)
@@ -126,17 +123,9 @@ SURFACES = {side: _layers(side) for side in ENDS}
 
 
 class Geometry:
-    """The map of quadrilaterals with quadratic sides, at the points of a rule.
+    """The map of quadrilaterals with nodes ``x`` (2, nodes, n), d, at the points of a `Rule`.
 
-    Where an element is turned inside out the attributes are not numbers, which a solver
-    sees as a failed evaluation.
-
-    Parameters
-    ----------
-    x : ndarray, (2, nodes, n)
-        Coordinates of the nodes of n elements, d.
-    rule : Rule
-        The Gauss points of the volume unless given.
+    The attributes are NaN in inverted elements, which a solver treats as a failed evaluation.
 
     Attributes
     ----------
@@ -176,8 +165,7 @@ class Geometry:
 def least_determinant(x):
     """Return the smallest determinant (n,) of the map of elements ``x`` (2, nodes, n), d^2.
 
-    It is taken over the Gauss points and the corners; where it is not positive, the element is
-    turned inside out.
+    It is the minimum over Gauss points and corners, and not positive in an inverted element.
     """
     slope = np.concatenate([SHAPE_SLOPE, CORNER_SLOPE_Q2], axis=1)
     (x_1, x_2), (y_1, y_2) = ([slope[r] @ x[i] for r in range(DIM)] for i in range(DIM))
@@ -185,21 +173,15 @@ def least_determinant(x):
 
 
 def side_force(x, traction):
-    """Return the nodal forces (2, 3, n) of a traction on the sides of n elements.
+    """Return the nodal forces (2, 3, n) of a traction on the sides of n elements, stress times d.
 
     Parameters
     ----------
     x : ndarray, (2, 3, n)
-        Coordinates of the nodes of the sides, d, in the order of `SIDE_NODES`, which keeps the
-        element to the left, so that the outward normal times arc length is (d x2, -d x1).
+        Coordinates of the nodes of the sides, d, in the order of `SIDE_NODES`.
     traction : callable
-        ``traction(x, area)`` returns the force (2, 3, n) on pieces of the side at points
-        (2, 3, n), whose outward normals times length are ``area`` (2, 3, n).
-
-    Returns
-    -------
-    ndarray, (2, 3, n)
-        Forces per depth, stress times d.
+        ``traction(x, area)`` returns the force (2, 3, n) on pieces of the side at points (2, 3, n),
+        whose outward normals times length are ``area`` (2, 3, n).
     """
     tangent = np.einsum("qa,ian->iqn", SIDE_SLOPE, x)
     force = traction(np.einsum("qa,ian->iqn", SIDE_SHAPE, x),
@@ -208,7 +190,7 @@ def side_force(x, traction):
 
 
 def _table(left, right, pattern):
-    """Products of shape functions, one row for each pair of nodes, one column for each factor."""
+    """Products of shape functions: a row per pair of nodes, a column per factor."""
     product = np.einsum(pattern, left, right)
     return np.ascontiguousarray(product.reshape(product.shape[0] * product.shape[1], -1))
 

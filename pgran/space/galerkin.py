@@ -1,11 +1,9 @@
 """Galerkin operators of coarser grids, element by element: K_c = sum P_e^T K_e P_e.
 
 The spaces of the grids are nested, so the element matrix of a coarse element is a sum over the fine
-elements that are joined in it. While the fine matrix is filled, a rank sums those it owns, and from
-these sums those of still coarser grids. Products of sparse matrices would need as much memory again
-as the fine matrix, and another format than that which multiplies fastest.
-
-`Hierarchy` gives PCMG these operators where ``-fieldsplit_0_pc_mg_galerkin external`` asks for it.
+elements that it joins. While the fine matrix is filled, a rank sums the matrices of its own
+elements, level by level. Products of sparse matrices would double the memory of the fine matrix,
+and need AIJ, which multiplies more slowly than BAIJ.
 """
 
 from contextlib import contextmanager
@@ -15,25 +13,24 @@ from petsc4py import PETSc
 
 from . import multigrid
 from .element import NODES
-from .matrix import ScatterAdd, stored_values
+from .matrix import scatter_adds, stored_values
 
 #: Coarse elements whose entries are summed at a time.
 BATCH = 512
 
 
 class GalerkinMatrix:
-    """The operator of a `NodeLevel` as a sum of matrices of elements that it joins. Collective.
+    """The operator of a `NodeLevel` as a sum of element matrices of the finer level. Collective.
 
-    It has the methods of a `pgran.space.matrix.InPlaceMatrix` that `pgran.space.matrix.fill` calls;
-    its entries are those of the unknowns at nodes, which come first.
+    It has the methods of an `InPlaceMatrix` that `pgran.space.matrix.fill` calls, and uses the
+    entries of the unknowns at nodes, which come first.
 
     Parameters
     ----------
     fine, coarse : pgran.space.multigrid.NodeLevel
-        Two grids, the second one of joined elements.
     batches : list of (ndarray, ndarray, ndarray, ndarray)
-        Of each batch of fine elements the columns of those that this rank sums, (n,), their indices
-        i and j, and which of their unknowns are prescribed, field by field, (m, n) bool.
+        For each batch of fine elements, the columns of the elements that this rank sums, (n,),
+        their indices i and j, and their prescribed unknowns, field by field, (m, n) bool.
     blocked : bool
         Whether the matrix is BAIJ; AIJ otherwise.
 
@@ -42,10 +39,10 @@ class GalerkinMatrix:
     coarser : tuple of (GalerkinMatrix, PETSc.Mat), or None
         The operator of the next coarser grid, which `filling` fills too.
     held : ndarray of bool, (m, n)
-        Which unknowns of the local coarse elements are prescribed, field by field.
+        The prescribed unknowns of the local coarse elements, field by field.
     """
 
-    #: It takes the entries that another matrix has.
+    #: It adds no entries to the entries of the fine matrix.
     entries = 0
 
     def __init__(self, fine, coarse, batches, blocked=True):
@@ -55,28 +52,24 @@ class GalerkinMatrix:
         i, j = (np.concatenate([batch[part] for batch in batches]) for part in (1, 2))
         corner, ends = (np.array([reach(of_x[i]), reach(of_y[j])]) for reach in (np.min, np.max))
         self._first, self._shape = corner, ends - corner + 1
+        self._count = int(np.prod(self._shape))
         self.held = self._held()
         self._steps = []
         for columns, i, j, held in batches:
             steps = []
             target = (of_y[j] - corner[1]) * self._shape[0] + of_x[i] - corner[0]
             kind = kind_y[j] * len(maps_x) + kind_x[i]
-            for one in np.unique(kind):
-                chosen = np.flatnonzero(kind == one)
-                up = np.kron(maps_y[one // len(maps_x)], maps_x[one % len(maps_x)])
+            for number in np.unique(kind):
+                chosen = np.flatnonzero(kind == number)
+                up = np.kron(maps_y[number // len(maps_x)], maps_x[number % len(maps_x)])
                 steps.append((_range(columns[chosen]), _range(target[chosen]), up.T.copy()))
             some = np.flatnonzero(held.any(axis=0))
             free = ~held[:, some].reshape(self._dof, NODES, -1)
             self._steps.append((steps, columns[some], free.astype(float)))
 
-    @property
-    def count(self):
-        """How many coarse elements have matrices on this rank."""
-        return int(np.prod(self._shape))
-
     def elements(self):
-        """Return the local coarse elements as one batch, as ``batches`` has them."""
-        columns = np.arange(self.count)
+        """Return the local coarse elements as one of the ``batches`` of a coarser matrix."""
+        columns = np.arange(self._count)
         j, i = np.divmod(columns, self._shape[0])
         return columns, self._first[0] + i, self._first[1] + j, self.held
 
@@ -88,8 +81,8 @@ class GalerkinMatrix:
         matrix.setType(PETSc.Mat.Type.BAIJ if self._blocked else PETSc.Mat.Type.AIJ)
         matrix.setSizes(((size, None), (size, None)))
         matrix.setBlockSize(dof)
-        matrix.setPreallocationNNZ([most if self._blocked else np.repeat(dof * most, dof)
-                                    for most in self._most()])
+        matrix.setPreallocationNNZ([counts if self._blocked else np.repeat(dof * counts, dof)
+                                    for counts in self._neighbours()])
         matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         for batch in self._batches():
             number = self._numbers(batch)
@@ -102,30 +95,29 @@ class GalerkinMatrix:
         self._find_positions(matrix)
         return matrix
 
-    def _most(self):
-        """Most neighbours of owned nodes, among own ones and among those of others, (n,) each."""
-        level = self._level
-        widths, inside = [], []
+    def _neighbours(self):
+        """Maximum numbers of neighbours of owned nodes on this rank and on others, (n,) each."""
+        level, widths, inside = self._level, [], []
         for (low, high), n, wrap in zip(level.range, level.shape, level.periodic):
             index = np.arange(low, high)
             reach = np.where(index % 2 == 0, 2, 1)
             first, last = index - reach, index + reach
             if not wrap:
                 first, last = np.maximum(first, 0), np.minimum(last, 2 * n)
-            widths.append(np.minimum(last - first + 1, 2 * n + (0 if wrap else 1)))
+            widths.append(np.minimum(last - first + 1, 2 * n + (not wrap)))
             inside.append((low <= first) & (last < high))
         total = np.multiply.outer(widths[1], widths[0]).ravel()
         own = level.held.size // self._dof
         others = level.comm.tompi4py().allreduce(own) - own
-        alone = np.logical_and.outer(inside[1], inside[0]).ravel()
-        return (np.minimum(total, own).astype(PETSc.IntType),
-                np.where(alone, 0, np.minimum(total, others)).astype(PETSc.IntType))
+        interior = np.logical_and.outer(inside[1], inside[0]).ravel()
+        return [counts.astype(PETSc.IntType) for counts in (
+            np.minimum(total, own), np.where(interior, 0, np.minimum(total, others)))]
 
     def _batches(self):
-        """Slices of the local coarse elements, whole rows of them."""
+        """Slices of the local coarse elements that are complete rows."""
         step = max(1, BATCH // self._shape[0]) * self._shape[0]
-        return [slice(start, min(start + step, self.count))
-                for start in range(0, self.count, step)]
+        return [slice(start, min(start + step, self._count))
+                for start in range(0, self._count, step)]
 
     def _numbers(self, batch):
         """The global numbers of the unknowns of local coarse elements, field by field, (m, n)."""
@@ -139,53 +131,49 @@ class GalerkinMatrix:
                                for field in range(self._dof)])
 
     def _held(self):
-        """Which unknowns of the local coarse elements are prescribed, field by field, (m, n)."""
-        numbers, place = np.unique(self._numbers(slice(0, self.count)), return_inverse=True)
+        """The attribute ``held``."""
+        numbers, inverse = np.unique(self._numbers(slice(0, self._count)), return_inverse=True)
         flags, found = self._level.vector(), PETSc.Vec().createSeq(numbers.size)
         flags.setArray(self._level.held.astype(float))
         wanted = PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
         PETSc.Scatter().create(flags, wanted, found, None).scatter(flags, found)
-        return found.getArray()[place].reshape(NODES * self._dof, -1) > 0.5
+        return found.getArray()[inverse].reshape(NODES * self._dof, -1) > 0.5
 
     def _find_positions(self, matrix):
-        """Find where each entry of the coarse element matrices goes in the arrays of a matrix."""
+        """Find the position of each entry of the coarse element matrices in a matrix."""
         size = self._level.held.size
         start, stop = matrix.getOwnershipRange()
         width = np.int64(matrix.getSize()[1])
         with stored_values(matrix) as arrays:
-            lengths, last = [array.size for array in arrays], 0
-            for array in arrays:
-                array[:] = np.arange(last, last + array.size)
-                last += array.size
-        begin, column, place = matrix.getValuesCSR()
+            lengths = [array.size for array in arrays]
+            arrays[0][:], arrays[1][:] = np.arange(lengths[0]), lengths[0] + np.arange(lengths[1])
+        begin, column, stored = matrix.getValuesCSR()
         matrix.zeroEntries()
         key = np.repeat(np.arange(size), np.diff(begin)) * width + column
         order = np.argsort(key)
-        key, place = key[order], place[order].astype(np.int64)
+        key, stored = key[order], stored[order].astype(np.int64)
         self._sums, known = [], {}
         for batch in self._batches():
             number, free = self._numbers(batch), ~self.held[:, batch]
             row, col = (self._in_order(part) for part in np.broadcast_arrays(
                 number[:, None], number[None]))
             free = self._in_order(free[:, None] & free[None])
-            mine = (start <= row) & (row < stop)
-            where, inside = np.full(row.size, last), np.flatnonzero(free & mine)
-            where[inside] = place[np.searchsorted(
+            local = (start <= row) & (row < stop)
+            positions, inside = np.full(row.size, sum(lengths)), np.flatnonzero(free & local)
+            positions[inside] = stored[np.searchsorted(
                 key, (row[inside] - start) * width + col[inside])]
-            sums = [(0, ScatterAdd(slice(None), where, lengths[0], known))]
-            beyond = np.flatnonzero((where >= lengths[0]) & (where < last))
-            if beyond.size:
-                sums.append((1, ScatterAdd(beyond, where[beyond] - lengths[0], lengths[1], known)))
-            far = np.flatnonzero(free & ~mine)
-            far = far[np.argsort(row[far], kind="stable")]
-            rows, first = np.unique(row[far], return_index=True)
-            self._sums.append((batch, sums, far, [part.astype(PETSc.IntType) for part in (
-                rows, np.append(first, far.size), col[far])]))
+            remote = np.flatnonzero(free & ~local)
+            remote = remote[np.argsort(row[remote], kind="stable")]
+            rows, first = np.unique(row[remote], return_index=True)
+            self._sums.append((
+                batch, scatter_adds(0, positions, lengths, known), remote,
+                [part.astype(PETSc.IntType) for part in (
+                    rows, np.append(first, remote.size), col[remote])]))
         diagonal = np.flatnonzero(self._level.held)
-        self._ones = place[np.searchsorted(key, diagonal * width + start + diagonal)]
+        self._ones = stored[np.searchsorted(key, diagonal * width + start + diagonal)]
 
     def _in_order(self, values):
-        """Bring values (m, m, n) of rows and columns field by field to the order of `filling`."""
+        """Values (m, m, n) of rows and columns, field by field, in the order of `filling`."""
         parts = values.reshape(self._dof, NODES, self._dof, NODES, -1)
         return np.moveaxis(parts, 2, 1).ravel()
 
@@ -193,10 +181,10 @@ class GalerkinMatrix:
     def filling(self, matrix):
         """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective.
 
-        Entries of prescribed unknowns, which no other matrix takes, become zero in ``out``.
+        It sets entries of prescribed unknowns in ``out``, which no other matrix uses, to zero.
         """
         dof = self._dof
-        total = np.zeros((dof * dof, NODES, NODES, self.count))
+        total = np.zeros((dof * dof, NODES, NODES, self._count))
 
         def add(number, out):
             fine = out[:(NODES * dof)**2].reshape(dof * dof, NODES, NODES, -1)
@@ -222,11 +210,11 @@ class GalerkinMatrix:
         with stored_values(matrix) as arrays:
             for array in arrays:
                 array[:] = 0.0
-            for batch, sums, far, places in self._sums:
+            for batch, sums, remote, entries in self._sums:
                 values = total[..., batch].ravel()
-                for part, batch_sum in sums:
-                    batch_sum.add(values, arrays[part])
-                others.append((*places, values[far]))
+                for part, scatter in sums:
+                    scatter.add(values, arrays[part])
+                others.append((*entries, values[remote]))
             arrays[0][self._ones] = 1.0
         for rows, first, column, values in others:
             matrix.setValuesIJV(first, column, values, addv=True, rowmap=rows)
@@ -234,7 +222,7 @@ class GalerkinMatrix:
 
 
 def first_batches(form):
-    """Return the elements of a form that this rank owns, as `GalerkinMatrix` takes them."""
+    """Return the elements of a form that this rank owns as the ``batches`` of `GalerkinMatrix`."""
     grid, found = form.grid, []
     owned = np.zeros(grid.n_elements, dtype=bool)
     owned[grid.elements.owned] = True
@@ -249,33 +237,30 @@ def first_batches(form):
 class Hierarchy:
     """The operators of coarser grids for PCMG in the first split of PCFIELDSPLIT. Collective.
 
+    PCMG needs ``-fieldsplit_0_pc_mg_galerkin external``. Raises `ParameterError` if options request
+    more grids than the elements allow.
+
     Parameters
     ----------
     ksp : PETSc.KSP
-        Of the whole system.
+        The solver of the entire system.
     form : pgran.space.weakform.WeakForm
 
     Attributes
     ----------
     filled : list of (GalerkinMatrix, PETSc.Mat)
-        What `pgran.space.weakform.WeakForm.jacobian` fills besides the Jacobian.
-
-    Raises
-    ------
-    ParameterError
-        If options ask for more grids than the elements allow.
+        Further matrices for `pgran.space.weakform.WeakForm.jacobian`.
     """
 
     def __init__(self, ksp, form):
-        self._ksp, self._split, self._up = ksp, ksp.getPC(), None
-        names = ["velocity", "fluidity"] if form.grid.has_fluidity else ["velocity"]
-        self._nodes = [multigrid.node_level(form, names)]
+        self._ksp, self._split, self._up = ksp, ksp.getPC(), []
+        self._nodes = [multigrid.node_level(form, multigrid.flow_fields(form))]
         count = PETSc.Options().getInt("fieldsplit_0_pc_mg_levels", self._nodes[0].depth + 1)
         for _ in range(count - 1):
             self._nodes.append(self._nodes[-1].coarser())
         parts, batches = [], first_batches(form)
         for fine, coarse in zip(self._nodes, self._nodes[1:]):
-            # The coarsest grid has a direct solver.
+            # The coarsest grid has a direct solver, which needs AIJ.
             parts.append(GalerkinMatrix(fine, coarse, batches, coarse is not self._nodes[-1]))
             batches = [parts[-1].elements()]
         self._operators = [part.create() for part in parts]
@@ -285,12 +270,13 @@ class Hierarchy:
         self.filled = chain[:1]
 
     def update(self, matrix, preconditioner):
-        """Hand over the operators that belong to the Jacobian that was filled last."""
-        if self._up is None:
+        """Pass the operators of the latest Jacobian to PCMG."""
+        first = not self._up
+        if first:
             self._ksp.setOperators(matrix, preconditioner)
             self._ksp.setUp()
         mg, count = self._split.getFieldSplitSubKSP()[0].getPC(), len(self._nodes)
-        if self._up is None:
+        if first:
             self._up = [coarse.interpolation(fine)
                         for fine, coarse in zip(self._nodes, self._nodes[1:])]
             for coarser, up in enumerate(self._up, 1):
@@ -299,31 +285,29 @@ class Hierarchy:
             mg.getMGSmoother(count - 1 - coarser).setOperators(operator, operator)
 
 
-def asked():
-    """Return whether options ask for a `Hierarchy`."""
+def requested():
+    """Return whether options request a `Hierarchy`."""
     wanted = {"pc_type": PETSc.PC.Type.FIELDSPLIT, "fieldsplit_0_pc_type": PETSc.PC.Type.MG,
               "fieldsplit_0_pc_mg_galerkin": "external"}
-    return all(PETSc.Options().getString(name, "") == text
-               for name, text in wanted.items())
+    return all(PETSc.Options().getString(name, "") == text for name, text in wanted.items())
 
 
 def _children(fine, coarse, axis):
-    """How fine elements are joined along one direction.
+    """The coarse element and the kind of each fine element along one direction, (n,) each.
 
-    Returns the coarse element of each fine one, (n,), its kind, (n,), and for each kind the matrix
-    (3, 3) that takes values at the coarse nodes to the fine ones.
+    Also the matrix (3, 3) of each kind from values at the coarse nodes to the fine nodes.
     """
     kept, count = coarse.kept[axis], fine.shape[axis]
     element = np.searchsorted(kept[2:-1:2], 2 * np.arange(count) + 1)
     ends, inner = coarse.at[axis], fine.at[axis]
     maps = np.array([multigrid.lagrange(np.repeat(ends[None, 2 * c:2 * c + 3], 3, axis=0),
                                         inner[2 * e:2 * e + 3]) for e, c in enumerate(element)])
-    _, one, kind = np.unique(np.round(maps, 12), axis=0, return_index=True, return_inverse=True)
-    return element, kind.ravel(), maps[one]
+    _, first, kind = np.unique(np.round(maps, 12), axis=0, return_index=True, return_inverse=True)
+    return element, kind.ravel(), maps[first]
 
 
 def _range(index):
-    """``index`` (n,) as a slice where it is a range with one step."""
+    """``index`` (n,) as a slice if it is a range with one step."""
     step = np.unique(np.diff(index))
     if index.size > 1 and step.size == 1 and step[0] > 0:
         return slice(index[0], index[-1] + 1, step[0])

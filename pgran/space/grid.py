@@ -1,15 +1,12 @@
 """The structured grid on DMDA: numbering, fields, this rank's elements, ghost exchange.
 
-Two DMDAs in a DMComposite hold the unknowns: one of the Q2 nodes with the
-velocity and the fluidity of a node side by side, one of the corner nodes with
-the pressure. Every unknown is real (one DMDA for all would carry a dummy
-pressure on three nodes of four, and its rows through every solver), and the
-three unknowns of a node stay together, as block solvers want them.
+Two DMDAs in a DMComposite hold the unknowns: the first has velocity and fluidity at the Q2 nodes,
+which block solvers need side by side, and the second has the pressure at the corners. (A single
+DMDA would have a dummy pressure at three of four nodes.)
 
-A rank owns whole elements, and the nodes on their lower and left sides. It also
-evaluates the layer of its neighbours' elements below and to the left of its own,
-so that every row it owns is complete without communication: residual and
-Jacobian need one ghost exchange of the unknowns and nothing else.
+A rank owns elements, and the nodes on their lower and left sides. It also evaluates the layer of
+its neighbours' elements below and to the left, so that every row that it owns is complete: residual
+and Jacobian need one ghost exchange of the unknowns and no other communication.
 """
 
 from types import SimpleNamespace
@@ -18,40 +15,43 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..options import ParameterError
-from .element import CORNERS, DIM, NODES, SIDE_NODES
+from .element import (
+    CORNER_AT_NODES,
+    CORNERS,
+    DIM,
+    GAUSS_TO_NODES,
+    NODES,
+    SIDE_NODES,
+    Geometry,
+)
 
 
 class Lattice:
-    """One DMDA: the Q2 nodes or the corners, as this rank sees them.
-
-    Local points are the owned ones and their ghosts, x1 fastest.
+    """The points of one DMDA on this rank: Q2 nodes or corners, x1 fastest, ghosts included.
 
     Attributes
     ----------
     i, j : ndarray, (n,)
-        Global indices of the local points, below zero or beyond the end where periodic.
+        Global indices of the points, below zero or beyond the end if periodic.
     owned : ndarray, (n_owned,)
         Local positions of the owned points in global order.
     """
 
     def __init__(self, comm, shape, periodic, parts, per_element, dof):
-        boundary = tuple(PETSc.DM.BoundaryType.PERIODIC if wrap else PETSc.DM.BoundaryType.NONE
-                         for wrap in periodic)
-        ranges = []
+        kind, ranges = PETSc.DM.BoundaryType, []
         for part, wrap in zip(parts, periodic):
-            count = per_element * np.asarray(part, dtype=PETSc.IntType)
-            count[-1] += 0 if wrap else 1
-            ranges.append(count)
+            ranges.append(per_element * np.asarray(part, dtype=PETSc.IntType))
+            ranges[-1][-1] += not wrap
         self.per_element = per_element
-        self.shape = tuple(per_element * n + (0 if wrap else 1) for n, wrap in zip(shape, periodic))
+        self.shape = tuple(per_element * n + (not wrap) for n, wrap in zip(shape, periodic))
         self.dm = PETSc.DMDA().create(
             dim=2, dof=dof, sizes=self.shape, proc_sizes=[len(part) for part in parts],
-            boundary_type=boundary, stencil_type=PETSc.DMDA.StencilType.BOX,
-            stencil_width=per_element, ownership_ranges=ranges, comm=comm)
+            boundary_type=tuple(kind.PERIODIC if wrap else kind.NONE for wrap in periodic),
+            stencil_type=PETSc.DMDA.StencilType.BOX, stencil_width=per_element,
+            ownership_ranges=ranges, comm=comm)
         (i0, i1), (j0, j1) = self.dm.getGhostRanges()
         (self.i0, self.i1), (self.j0, self.j1) = self.dm.getRanges()
-        self.ghost_start = i0, j0
-        self.row = i1 - i0
+        self.ghost_start, self.row = (i0, j0), i1 - i0
         j, i = np.mgrid[j0:j1, i0:i1]
         self.i, self.j = i.ravel(), j.ravel()
         inside = (self.i0 <= self.i) & (self.i < self.i1) & (self.j0 <= self.j) & (self.j < self.j1)
@@ -66,8 +66,8 @@ class Lattice:
 class Grid:
     """A structured grid of Q2-Q1 elements over ranks.
 
-    Unknowns of a rank are numbered locally as one array: node by node v1, v2 (and g), ghosts
-    included, then the pressures of its corners.
+    The local unknowns of a rank are one array: node by node v1, v2 (and g), then the pressures of
+    the corners, ghosts included.
 
     Parameters
     ----------
@@ -76,19 +76,17 @@ class Grid:
         Elements along x1 and x2.
     periodic : tuple of bool
     fluidity : bool
-        Whether the nodes carry g besides v.
+        Whether g is an unknown.
 
     Attributes
     ----------
-    element_unknowns : ndarray, (rows, n)
-        Local numbers of the unknowns of each element, block by block.
-    elements : SimpleNamespace
-        The elements as this rank sees them, with the attributes that a `Lattice` has for points:
-        shape, i, j, owned, and the ranges i0 to i1 and j0 to j1 of the owned ones.
+    element_nodes, element_corners, element_unknowns : ndarray, (..., n)
+        Local nodes, corners and unknowns of each element, the last block by block.
     blocks : dict
-        The rows of ``element_unknowns`` that belong to v1, v2, g and P, {name: slice}.
-    element_nodes, element_corners : ndarray, (nodes, n) and (corners, n)
-        Local nodes and corners of each element.
+        The rows of ``element_unknowns`` of v1, v2, g and P, {name: slice}.
+    elements : SimpleNamespace
+        The local elements, with attributes of a `Lattice`: shape, i, j, owned, and the ranges i0 to
+        i1 and j0 to j1 of the owned ones.
 
     Raises
     ------
@@ -106,12 +104,8 @@ class Grid:
             self.blocks[name] = slice(rows, rows + size)
             rows += size
         self._parts, self._cells = self._partition(), {}
-        parts = self._parts
-        self.nodes = Lattice(comm, shape, periodic, parts, 2, self.dof)
-        self.corners = Lattice(comm, shape, periodic, parts, 1, 1)
-        for number, name in enumerate(("velocity_1", "velocity_2", "fluidity")[:self.dof]):
-            self.nodes.dm.setFieldName(number, name)
-        self.corners.dm.setFieldName(0, "pressure")
+        self.nodes = Lattice(comm, shape, periodic, self._parts, 2, self.dof)
+        self.corners = Lattice(comm, shape, periodic, self._parts, 1, 1)
         self.dm = PETSc.DMComposite().create(comm=comm)
         self.dm.addDM(self.nodes.dm)
         self.dm.addDM(self.corners.dm)
@@ -128,7 +122,7 @@ class Grid:
         self._number_elements()
 
     def _partition(self):
-        """Let a DMDA of the elements divide them; return the elements of each part, (x1, x2)."""
+        """The numbers of elements of the ranks in x1 and x2, which a DMDA chooses."""
         try:
             cells = PETSc.DMDA().create(dim=2, dof=1, sizes=self.shape, stencil_width=0,
                                         comm=self.comm)
@@ -141,6 +135,7 @@ class Grid:
         return parts
 
     def _number_elements(self):
+        """Number the elements of this rank, and their nodes and unknowns."""
         nodes, corners = self.nodes, self.corners
         first, last = [], []
         for start, end, wrap, n in zip((corners.i0, corners.j0), (corners.i1, corners.j1),
@@ -174,7 +169,7 @@ class Grid:
         return np.flatnonzero(self.layer(side) == 0)
 
     def side_nodes(self, side):
-        """Return the local nodes (3, n) of the elements of `side_elements`, element on the left."""
+        """Return the local nodes (3, n) of `side_elements`, in the order of `SIDE_NODES`."""
         return self.element_nodes[np.array(SIDE_NODES[side])][:, self.side_elements(side)]
 
     # Vectors
@@ -189,7 +184,7 @@ class Grid:
         return np.concatenate([local.array_r for local in self._local])
 
     def from_local(self, local, vector):
-        """Put the owned ones of the local unknowns (n_local,) into a global vector. Collective."""
+        """Put the owned entries of local unknowns (n_local,) into a global vector. Collective."""
         vector.setArray(local[self.owned])
 
     def split(self, local):
@@ -210,16 +205,13 @@ class Grid:
         """Return {name: index set} of the fields that solvers may split. Collective."""
         flow, pressure = (part.indices for part in self.part_sets())
         flow = flow.reshape(-1, self.dof)
-        sets = {"velocity": flow[:, :DIM].ravel()}
-        if self.has_fluidity:
-            sets["fluidity"] = flow[:, DIM]
-        sets["pressure"] = pressure
+        sets = {"velocity": flow[:, :DIM].ravel(),
+                **({"fluidity": flow[:, DIM]} if self.has_fluidity else {}), "pressure": pressure}
         return {name: PETSc.IS().createGeneral(numbers, comm=self.comm)
                 for name, numbers in sets.items()}
 
     def part_sets(self):
         """Return the index sets of all unknowns at nodes and of the pressures. Collective."""
-        # Owned unknowns are numbered in a row over the ranks.
         n_flow = self.nodes.owned.size * self.dof
         start = self.comm.tompi4py().scan(self.n_owned) - self.n_owned
         bounds = start, start + n_flow, start + self.n_owned
@@ -231,10 +223,7 @@ class Grid:
         return max(self.comm.tompi4py().allgather(values[np.argmax(np.abs(values))]), key=abs)
 
     def with_ghosts(self, values):
-        """Return nodal values (k, n_nodes) with the ghosts that their owners have. Collective.
-
-        k is at most `DIM`.
-        """
+        """Return nodal values (k <= 2, n_nodes) with owners' values at ghosts. Collective."""
         local, vector = np.zeros(self.n_local), self.create_vector()
         self.split(local)[0][:len(values)] = values
         self.from_local(local, vector)
@@ -243,11 +232,10 @@ class Grid:
         return found
 
     def element_ring(self, values):
-        """Return values (..., m) of the owned elements with those of the elements around them.
+        """Return values (..., m) of the owned elements and values of their neighbours. Collective.
 
-        The result is (..., rows + 2, columns + 2): the m owned elements in rows of j and columns of
-        i, and a ring of their neighbours, also across the corners. It is zero outside the domain.
-        Collective.
+        The result (..., rows + 2, columns + 2) has the m owned elements in rows of j and columns of
+        i, surrounded by a ring of neighbours, corners included. It is zero outside the domain.
         """
         cells, before = self.elements, values.shape[:-1]
         dof = int(np.prod(before))
@@ -262,31 +250,21 @@ class Grid:
                 comm=self.comm)
             self._cells[dof] = dm, dm.createGlobalVec(), dm.createLocalVec()
         dm, owned, ring = self._cells[dof]
-        owned.setArray(values.reshape(dof, -1).T.ravel())  # a point after the other
+        owned.setArray(values.reshape(dof, -1).T.ravel())  # element by element
         dm.globalToLocal(owned, ring)
         return ring.array_r.reshape(-1, dof).T.reshape(
             *before, cells.j1 - cells.j0 + 2, cells.i1 - cells.i0 + 2).copy()
 
     def with_ghost_elements(self, values):
-        """Return values (..., n) at all local elements of the values (..., m) of the owned ones.
-
-        Collective.
-        """
+        """Return values (..., n) of all local elements from the owned ones (..., m). Collective."""
         cells = self.elements
         return self.element_ring(values)[..., cells.j - cells.j0 + 1, cells.i - cells.i0 + 1]
 
     def period(self, values):
-        """Return by how much a nodal field changes once around the grid. Collective.
+        """Return the change of nodal values (k, n_nodes) across a period of the grid. Collective.
 
-        Parameters
-        ----------
-        values : ndarray, (k, n_nodes)
-            With ghosts, such as the coordinates.
-
-        Returns
-        -------
-        ndarray, (2, k)
-            The change along i and along j; zero where the grid is not periodic.
+        The result (2, k) is the change along i and along j, zero where the grid is not periodic.
+        The values, such as coordinates, include ghosts.
         """
         nodes, found = self.nodes, np.zeros((DIM, len(values)))
 
@@ -303,8 +281,24 @@ class Grid:
         return self.comm.tompi4py().allreduce(found)
 
     def sum_at_nodes(self, values):
-        """Return the sums (n_nodes,) over elements of ``values`` (nodes, n) at their nodes.
-
-        Complete at owned nodes.
-        """
+        """Return sums (n_nodes,) of ``values`` (nodes, n) of elements, complete at owned nodes."""
         return np.bincount(self.element_nodes.ravel(), values.ravel(), minlength=self.nodes.size)
+
+    def at_nodes(self, values):
+        """Return nodal values (n_nodes,) of a field at the Gauss points, (points, n).
+
+        The biquadratics of the elements are averaged at each node; complete at owned nodes.
+        """
+        total = self.sum_at_nodes(GAUSS_TO_NODES @ values)
+        return total / np.maximum(self.sum_at_nodes(np.ones_like(values)), 1.0)
+
+    def corner_field(self, corners):
+        """Return nodal values (n_nodes,) of corner values (n_corners,); 1 at unused ghosts."""
+        nodal = np.ones(self.nodes.size)
+        nodal[self.element_nodes] = CORNER_AT_NODES @ corners[self.element_corners]
+        return nodal
+
+    def gradient(self, values, x):
+        """Return d values_i/d x_j, (2, 2, points, n), of nodal values (2, n_nodes) on nodes x."""
+        geometry = Geometry(x[:, self.element_nodes])
+        return np.array([geometry.gradient(part[self.element_nodes]) for part in values])

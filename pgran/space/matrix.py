@@ -2,8 +2,8 @@
 
 `InPlaceMatrix` fills them in place. The position of every entry has a closed form on the
 structured grid, so that filling needs no search: `numpy.bincount` sums the entries of a batch of
-elements directly into the arrays in which PETSc keeps the values. petsc4py gives no access to
-these arrays; `stored_values` is the one place that calls PETSc's library itself.
+elements directly into the arrays of values of PETSc. petsc4py gives no access to these arrays;
+only `stored_values` calls PETSc's library itself.
 """
 
 import ctypes
@@ -14,16 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from petsc4py import PETSc
 
-#: Points whose rows are laid out at a time.
+#: Points whose rows are created at a time.
 CHUNK = 8192
 
 
 class Field(NamedTuple):
-    """One field at the points of the elements: where its unknowns are.
-
-    ``part`` numbers the pairs (lattice, dof) of a matrix, ``number`` the field among the unknowns
-    of a point, and ``points`` (m, n) are the local points of each element.
-    """
+    """Field ``number`` of layout ``part`` of a matrix, at local points (m, n) of the elements."""
 
     part: int
     number: int
@@ -37,27 +33,45 @@ class Block(NamedTuple):
     column: Field
 
 
-class ScatterAdd:
-    """Adds some of the numbers of a batch to an array, each at its place.
+class DofLayout(NamedTuple):
+    """``dof`` unknowns at each point of a lattice."""
 
-    Parameters
-    ----------
-    chosen : slice or ndarray, (n,)
-        Positions of the numbers in the batch.
-    places : ndarray, (n,)
-        Their places in the array; its length or more for numbers that are left out.
-    length : int
-        Length of the array.
-    known : dict
-        Places that other batches have, from the first of theirs on. On a structured grid those of
-        most batches are the same, so that they are kept once and stay in the cache.
+    lattice: object
+    dof: int
+
+
+class Unknowns:
+    """The rows or columns of a matrix, numbered locally through a list of `DofLayout`.
+
+    ``numbers`` (n,) are their global numbers, and ``held`` (n,) says which are prescribed.
     """
 
-    def __init__(self, chosen, places, length, known):
-        inside = places < length
-        low, high = (places[inside].min(), places[inside].max() + 1) if inside.any() else (0, 0)
+    def __init__(self, layouts, numbers, held):
+        self.layouts, self.numbers, self.held = layouts, numbers, held
+        self.starts = np.cumsum([0] + [lattice.size * dof for lattice, dof in layouts])
+        self.n_owned = sum(lattice.owned.size * dof for lattice, dof in layouts)
+
+    def local(self, field):
+        """Return the local numbers of a `Field`, (m, n)."""
+        return (self.starts[field.part] + field.points * self.layouts[field.part].dof
+                + field.number)
+
+
+class ScatterAdd:
+    """Adds the ``chosen`` numbers of a batch to ``positions`` (n,) of an array.
+
+    Positions from the ``length`` of the array on are ignored. ``known`` holds positions relative to
+    the first one. On a structured grid most batches share them, so that they remain in the cache.
+    """
+
+    def __init__(self, chosen, positions, length, known):
+        inside = positions < length
+        low, high = 0, 0
+        if inside.any():
+            low, high = positions[inside].min(), positions[inside].max() + 1
+        relative = np.where(inside, positions - low, high - low).astype(np.intp)
         self._chosen, self._target = chosen, slice(low, high)
-        self._positions = _kept(np.where(inside, places - low, high - low), known)
+        self._positions = known.setdefault(hashlib.blake2b(relative).digest(), relative)
 
     def add(self, numbers, array):
         """Add the ``numbers`` (m,) of the batch to ``array``."""
@@ -66,154 +80,127 @@ class ScatterAdd:
         array[self._target] += sums[:length]
 
 
-def _kept(places, known):
-    """``places``, or the array of ``known`` that has the same numbers."""
-    places = places.astype(np.intp)
-    return known.setdefault(hashlib.blake2b(places).digest(), places)
+def scatter_adds(begin, positions, lengths, known):
+    """Return [(array number, `ScatterAdd`)] for the two arrays of `stored_values`.
 
-
-class DofLayout(NamedTuple):
-    """Rows or columns of a matrix: ``dof`` unknowns of each point of a lattice."""
-
-    lattice: object
-    dof: int
-
-    @property
-    def owned(self):
-        """Local numbers of the owned unknowns, (n,)."""
-        return (self.lattice.owned[:, None] * self.dof + np.arange(self.dof)).ravel()
+    The numbers of the batch start at ``begin``. ``positions`` (n,) count through both arrays, which
+    have the ``lengths``; larger positions are left out.
+    """
+    near, total = lengths[0], sum(lengths)
+    sums = [(0, ScatterAdd(slice(begin, begin + positions.size), positions, near, known))]
+    far = np.flatnonzero((positions >= near) & (positions < total))
+    if far.size:
+        sums.append((1, ScatterAdd(begin + far, positions[far] - near, lengths[1], known)))
+    return sums
 
 
 class InPlaceMatrix:
-    """An AIJ or BAIJ matrix whose element matrices are summed where PETSc keeps the values.
+    """An AIJ or BAIJ matrix whose element matrices are summed in PETSc's own arrays.
 
-    Making it is collective. BAIJ, with ``blocked``, keeps the unknowns of a point as blocks. Its
-    rows and columns are those of one lattice, and all unknowns of a point couple.
+    Its creation is collective. Prescribed rows and columns are empty; in a square matrix, where
+    ``rows`` is ``columns``, prescribed rows are rows of the identity.
 
     Parameters
     ----------
     grid : pgran.space.grid.Grid
-    rows, columns : list of DofLayout
-        Local numbers count through them.
-    numbers : (ndarray, ndarray)
-        Global numbers of the local rows and of the local columns.
-    held : (ndarray of bool, ndarray of bool)
-        Rows and columns that are prescribed: they stay empty. In a square matrix (``rows`` is
-        ``columns``) these rows are those of the identity.
+    rows, columns : Unknowns
     groups : list of list of Block
         The blocks of an element matrix, in groups whose rows lie close together.
     batches : list of slice
-        The elements, batch by batch.
+        The elements of each batch.
     first : int
-        The first of these blocks' entries among all entries of an element.
+        The first entry of these blocks among all entries of an element.
     blocked : bool
-        Whether the matrix is BAIJ.
+        Whether the matrix is BAIJ, with the unknowns of the points of one lattice as blocks.
 
     Attributes
     ----------
     entries : int
-        How many entries of an element go into this matrix.
+        Number of entries of an element in this matrix.
     """
 
-    def __init__(self, grid, rows, columns, numbers, held, groups, batches, first=0,
-                 blocked=False):
+    def __init__(self, grid, rows, columns, groups, batches, first=0, blocked=False):
         self._grid, self._rows, self._columns = grid, rows, columns
-        self._numbers, self._held, self._batches = numbers, held, batches
-        self._groups, self._first, self._blocked = groups, first, blocked
-        self._starts = [np.cumsum([0] + [part.lattice.size * part.dof for part in parts])
-                        for parts in (rows, columns)]
+        self._blocked = blocked
         self.entries = sum(len(block.row.points) * len(block.column.points)
                            for group in groups for block in group)
         sparsity = self._sparsity()
-        self._made = self._pattern(sparsity)
-        with stored_values(self._made) as arrays:
+        self._unused = self._pattern(sparsity)
+        with stored_values(self._unused) as arrays:
             lengths = [array.size for array in arrays]
-        self._lay_out(sparsity, _positions(self._made, sparsity, self._numbers[1]), lengths)
-        self._made.zeroEntries()
-
-    def _local(self, side, field):
-        """The local rows (``side`` 0) or columns (1) of a `Field`, (m, n)."""
-        dof = (self._rows, self._columns)[side][field.part].dof
-        return self._starts[side][field.part] + field.points * dof + field.number
-
-    def _owned(self, side):
-        """The local numbers of the owned rows (``side`` 0) or columns (1), (n,)."""
-        return np.concatenate([start + part.owned for start, part in zip(
-            self._starts[side], (self._rows, self._columns)[side])])
-
-    @property
-    def _square(self):
-        return self._rows is self._columns
+        stored = _stored_positions(self._unused, sparsity, columns.numbers)
+        self._sums = self._find_sums(sparsity, stored, lengths, groups, batches, first)
+        self._ones = self._find_ones(sparsity, stored)
+        self._unused.zeroEntries()
 
     def _sparsity(self):
-        return Sparsity(self._grid, self._rows, self._columns)
+        return Sparsity(self._grid, self._rows.layouts, self._columns.layouts)
 
-    def _lay_out(self, sparsity, where, lengths):
-        """Find the places of all batches; ``where`` is from `_places`, ``lengths`` of the parts."""
-        self._sums, known = [], {}
-        for batch in self._batches:
-            sums, begin = [], self._first * (batch.stop - batch.start)
-            for group in self._groups:
-                places = []
+    def _find_sums(self, sparsity, stored, lengths, groups, batches, first):
+        """The `scatter_adds` of each batch."""
+        found, known = [], {}
+        for batch in batches:
+            sums, begin = [], first * (batch.stop - batch.start)
+            for group in groups:
+                positions = []
                 for block in group:
                     row, column = (field._replace(points=field.points[:, batch])
                                    for field in block)
-                    place = where[sparsity.positions(Block(row, column))]
-                    row, column = (held[self._local(side, field)] for side, (held, field)
-                                   in enumerate(zip(self._held, (row, column))))
-                    place[row[:, None] | column] = sum(lengths)
-                    places.append(place.ravel())
-                places = np.concatenate(places)
-                sums.append((0, ScatterAdd(slice(begin, begin + places.size), places, lengths[0],
-                                         known)))
-                far = np.flatnonzero((places >= lengths[0]) & (places < sum(lengths)))
-                if far.size:
-                    sums.append((1, ScatterAdd(begin + far, places[far] - lengths[0], lengths[1],
-                                             known)))
-                begin += places.size
-            self._sums.append(sums)
+                    position = stored[sparsity.positions(Block(row, column))]
+                    held = (self._rows.held[self._rows.local(row)][:, None]
+                            | self._columns.held[self._columns.local(column)])
+                    position[held] = sum(lengths)
+                    positions.append(position.ravel())
+                positions = np.concatenate(positions)
+                sums += scatter_adds(begin, positions, lengths, known)
+                begin += positions.size
+            found.append(sums)
+        return found
+
+    def _find_ones(self, sparsity, stored):
+        """Positions of the diagonal entries of prescribed rows in a square matrix."""
         ones = [np.empty(0, dtype=int)]
-        for number, (lattice, dof) in enumerate(self._rows if self._square else ()):
-            for unknown in range(dof):
-                field = Field(number, unknown, lattice.owned[None])
-                place = sparsity.positions(Block(field, field))[0, 0]
-                ones.append(where[place][self._held[0][self._local(0, field)[0]]])
-        self._ones = np.concatenate(ones)
+        for part, (lattice, dof) in enumerate(
+                self._rows.layouts if self._rows is self._columns else ()):
+            for number in range(dof):
+                field = Field(part, number, lattice.owned[None])
+                diagonal = stored[sparsity.positions(Block(field, field))[0, 0]]
+                ones.append(diagonal[self._rows.held[self._rows.local(field)[0]]])
+        return np.concatenate(ones)
 
     def _pattern(self, sparsity):
-        """A matrix with all entries of ``sparsity``, each holding its own number."""
-        comm = self._grid.comm
-        ranks, n_rows = comm.tompi4py(), sparsity.start.size - 1
-        n_columns = self._owned(1).size
+        """A matrix with all entries of ``sparsity``, whose values are entry numbers."""
+        comm, numbers = self._grid.comm, self._columns.numbers
+        ranks, n_rows, n_columns = comm.tompi4py(), self._rows.n_owned, self._columns.n_owned
         last, total = ranks.scan(n_columns), ranks.allreduce(n_columns)
         matrix = PETSc.Mat().create(comm=comm)
         matrix.setType(PETSc.Mat.Type.BAIJ if self._blocked else PETSc.Mat.Type.AIJ)
         matrix.setSizes(((n_rows, None), (n_columns, None)))
-        matrix.setBlockSizes(*(parts[0].dof if len(parts) == 1 else 1
-                               for parts in (self._rows, self._columns)))
-        size = self._rows[0].dof if self._blocked else 1
-        here = np.zeros(n_rows, dtype=PETSc.IntType)
+        matrix.setBlockSizes(*(part.layouts[0].dof if len(part.layouts) == 1 else 1
+                               for part in (self._rows, self._columns)))
+        size = self._rows.layouts[0].dof if self._blocked else 1
+        near = np.zeros(n_rows, dtype=PETSc.IntType)
         for rows, start, column in sparsity.chunks():
-            column = self._numbers[1][column]
-            here[rows] = np.add.reduceat(
+            column = numbers[column]
+            near[rows] = np.add.reduceat(
                 (last - n_columns <= column) & (column < last), start[:-1], dtype=int)
-        # A cell of two elements reaches a node from both sides, and counts it twice.
-        there = np.minimum(np.diff(sparsity.start) - here, total - n_columns)
-        matrix.setPreallocationNNZ([(most[::size] // size).astype(PETSc.IntType) for most in (
-            np.minimum(here, n_columns), there)])
+        # In a cell of two elements a node is counted twice, as it is reached from both sides.
+        far = np.minimum(np.diff(sparsity.start) - near, total - n_columns)
+        matrix.setPreallocationNNZ([(counts[::size] // size).astype(PETSc.IntType)
+                                    for counts in (np.minimum(near, n_columns), far)])
         above = ranks.scan(n_rows) - n_rows
         for rows, start, column in sparsity.chunks():
             matrix.setValuesIJV(
-                start.astype(PETSc.IntType), self._numbers[1][column].astype(PETSc.IntType),
+                start.astype(PETSc.IntType), numbers[column].astype(PETSc.IntType),
                 sparsity.start[rows.start] + np.arange(column.size, dtype=PETSc.ScalarType),
                 rowmap=np.arange(above + rows.start, above + rows.stop, dtype=PETSc.IntType))
         matrix.assemble()
-        matrix.setOption(PETSc.Mat.Option.NO_OFF_PROC_ENTRIES, True)  # `filling` writes own rows
+        matrix.setOption(PETSc.Mat.Option.NO_OFF_PROC_ENTRIES, True)  # `filling` writes owned rows
         return matrix
 
     def create(self):
         """Return a new matrix of zeros, which belongs to the caller. Collective."""
-        matrix, self._made = self._made, None
+        matrix, self._unused = self._unused, None
         if matrix is None:
             matrix = self._pattern(self._sparsity())
             matrix.zeroEntries()
@@ -227,8 +214,8 @@ class InPlaceMatrix:
                 array[:] = 0.0
 
             def add(number, out):
-                for part, batch_sum in self._sums[number]:
-                    batch_sum.add(out.ravel(), arrays[part])
+                for part, scatter in self._sums[number]:
+                    scatter.add(out.ravel(), arrays[part])
 
             yield add
             arrays[0][self._ones] = 1.0
@@ -236,15 +223,9 @@ class InPlaceMatrix:
 
 
 def fill(parts, batches, evaluate):
-    """Fill matrices from the same element matrices. Collective.
+    """Fill several (InPlaceMatrix, PETSc.Mat) from the same element matrices. Collective.
 
-    Parameters
-    ----------
-    parts : list of (InPlaceMatrix, PETSc.Mat)
-    batches : list of slice
-        The elements, batch by batch.
-    evaluate : callable
-        ``evaluate(number, out)`` puts the entries of a batch into ``out``, (n_all, n).
+    ``evaluate(number, out)`` puts the entries of a batch of elements into ``out``, (n_all, n).
     """
     entries = sum(part.entries for part, _ in parts)
     with ExitStack() as stack:
@@ -257,23 +238,10 @@ def fill(parts, batches, evaluate):
 
 
 class Sparsity:
-    """Where the entries of element matrices go in the rows that a rank owns.
+    """The entries of the rows that a rank owns, row by row.
 
-    The rows and columns belong to lattices of `Grid`. A row of a node or corner reaches the
-    unknowns of all elements around it, so the place of every entry has a closed form and nothing
-    is searched or sorted.
-
-    Parameters
-    ----------
-    grid : pgran.space.grid.Grid
-    rows, columns : list of DofLayout
-        Local column numbers count through ``columns``, row numbers through the owned points of
-        ``rows``.
-
-    Attributes
-    ----------
-    start : ndarray, (n_rows + 1,)
-        The first entry of each row.
+     A row of a node or corner has columns for the unknowns of all elements around it. Rows and
+    columns are lists of `DofLayout`, and ``start`` has the first entry of each row.
     """
 
     def __init__(self, grid, rows, columns):
@@ -284,26 +252,25 @@ class Sparsity:
             widths = [np.prod(_span(reach, target)[1], axis=0) * target_dof
                       for target, target_dof in columns]
             ends = n_entries + np.cumsum(np.repeat(sum(widths), dof))
-            place = np.full(lattice.size, -1)
-            place[lattice.owned] = np.arange(lattice.owned.size)
+            owned = np.full(lattice.size, -1)
+            owned[lattice.owned] = np.arange(lattice.owned.size)
             self._blocks.append(
-                (dof, place, np.concatenate([[n_entries], ends[:-1]]), reach, widths))
+                (dof, owned, np.concatenate([[n_entries], ends[:-1]]), reach, widths))
             starts.append(ends)
             n_entries = ends[-1]
-        self.start = np.concatenate(starts)
-        self.size = int(n_entries)
+        self.start, self.size = np.concatenate(starts), int(n_entries)
 
     def chunks(self):
         """Yield (rows, start, column) of some rows at a time, in their order.
 
-        ``rows`` is a slice of the owned rows, ``start`` (n + 1,) the first entry of each among
-        these, and ``column`` (m,) the local columns.
+        ``rows`` is a slice of the owned rows, ``start`` (n + 1,) their first entries, counted from
+        the first of these rows, and ``column`` (m,) the local columns.
         """
         first = 0
-        for dof, place, _, reach, _ in self._blocks:
-            owned = np.count_nonzero(place >= 0)
-            for begin in range(0, owned, CHUNK):
-                chunk = slice(begin, min(begin + CHUNK, owned))
+        for dof, _, _, reach, widths in self._blocks:
+            n_points = len(widths[0])
+            for begin in range(0, n_points, CHUNK):
+                chunk = slice(begin, min(begin + CHUNK, n_points))
                 number, used = self._column_numbers([
                     [index[chunk] for index in span] for span in reach])
                 column = np.repeat(number[:, None], dof, axis=1)[
@@ -311,16 +278,15 @@ class Sparsity:
                 rows = slice(first + chunk.start * dof, first + chunk.stop * dof)
                 start = self.start[rows.start:rows.stop + 1]
                 yield rows, start - start[0], column
-            first += owned * dof
+            first += n_points * dof
 
     def _column_numbers(self, reach):
-        """For each point of a reach: candidate local columns (n, m), and which are used."""
+        """Candidate local columns of each point of a reach, (n, m), and which exist."""
         numbers, used, offset = [], [], 0
         for target, dof in self._columns:
             start, count = _span(reach, target)
-            most = 2 * target.per_element + 1
-            b, a = np.mgrid[:most, :most]
-            a, b = a.ravel(), b.ravel()
+            maximum = 2 * target.per_element + 1
+            b, a = (index.ravel() for index in np.mgrid[:maximum, :maximum])
             inside = (a < count[0][:, None]) & (b < count[1][:, None])
             point = target.index(start[0][:, None] + a, start[1][:, None] + b)
             number = offset + point[:, :, None] * dof + np.arange(dof)
@@ -330,22 +296,19 @@ class Sparsity:
         return np.hstack(numbers), np.hstack(used)
 
     def positions(self, block):
-        """Return where the entries of a `Block` stand among the values, (n_a, n_b, n).
-
-        Rows that another rank owns give ``size``.
-        """
+        """Return the numbers (n_a, n_b, n) of entries of a `Block`; ``size`` if not owned."""
         row, column = block
-        dof, place_of, first, reach, widths = self._blocks[row.part]
+        dof, owned, first, reach, widths = self._blocks[row.part]
         target, target_dof = self._columns[column.part]
         start, count = _span(reach, target)
-        place = place_of[row.points]
-        safe = np.where(place < 0, 0, place)
+        point = owned[row.points]
+        safe = np.where(point < 0, 0, point)
         before = sum(widths[:column.part], np.zeros_like(widths[0]))
         base = first[safe * dof + row.number] + before[safe] + column.number
-        across = target.i[column.points][None] - start[0][safe][:, None]
-        up = target.j[column.points][None] - start[1][safe][:, None]
-        where = base[:, None] + (up * count[0][safe][:, None] + across) * target_dof
-        return np.where(place[:, None] < 0, self.size, where)
+        i = target.i[column.points][None] - start[0][safe][:, None]
+        j = target.j[column.points][None] - start[1][safe][:, None]
+        number = base[:, None] + (j * count[0][safe][:, None] + i) * target_dof
+        return np.where(point[:, None] < 0, self.size, number)
 
 
 def _reach(grid, lattice):
@@ -353,10 +316,7 @@ def _reach(grid, lattice):
     spans = []
     for index, n, wrap in zip((lattice.i, lattice.j), grid.shape, grid.periodic):
         index = index[lattice.owned]
-        if lattice.per_element == 2:
-            first, last = (index - 1) // 2, index // 2
-        else:
-            first, last = index - 1, index
+        first, last = (index - 1) // lattice.per_element, index // lattice.per_element
         if not wrap:
             first, last = np.maximum(first, 0), np.minimum(last, n - 1)
         spans.append((first, last))
@@ -370,35 +330,34 @@ def _span(reach, target):
     return start, count
 
 
-def _positions(matrix, sparsity, numbers):
-    """Where PETSc keeps each entry of a matrix whose entries hold their own numbers.
+def _stored_positions(matrix, sparsity, numbers):
+    """Positions (size + 1,) of the entries in a matrix whose values are their numbers.
 
-    (size + 1,): counted through `stored_values`, and their total length for what has no place.
+    They count through both arrays; the last one is the total length.
     """
     with stored_values(matrix) as arrays:
         kept = np.concatenate(arrays).astype(PETSc.IntType)
-    where = np.full(sparsity.size + 1, kept.size, dtype=PETSc.IntType)
-    where[kept] = np.arange(kept.size, dtype=PETSc.IntType)
-    lost = np.flatnonzero(where[:-1] == kept.size)
-    if lost.size:  # in a cell of two elements: the second of two entries of one place
+    stored = np.full(sparsity.size + 1, kept.size, dtype=PETSc.IntType)
+    stored[kept] = np.arange(kept.size, dtype=PETSc.IntType)
+    lost = np.flatnonzero(stored[:-1] == kept.size)
+    if lost.size:  # in a cell of two elements, the second of two equal entries
         column = numbers[np.concatenate([column for _, _, column in sparsity.chunks()])]
         key = np.repeat(np.arange(sparsity.start.size - 1), np.diff(sparsity.start)) * np.int64(
             matrix.getSize()[1]) + column
         order = np.argsort(key[kept])
-        where[lost] = order[np.searchsorted(key[kept], key[lost], sorter=order)]
-    return where
+        stored[lost] = order[np.searchsorted(key[kept], key[lost], sorter=order)]
+    return stored
 
 
-_petsc = ctypes.CDLL(PETSc.__file__)  # the library that petsc4py itself is linked to
+_petsc = ctypes.CDLL(PETSc.__file__)  # linked to petsc4py
 
 
 @contextmanager
 def stored_values(matrix):
-    """Give the arrays (n,), (m,) in which PETSc keeps the values of a matrix, to change them.
+    """Give the arrays of values of a matrix, for the columns of this rank and for the others.
 
-    The first is of the columns that this rank owns, the second of the others. For AIJ they hold row
-    after row, and within a row go by global columns; for BAIJ they hold block after block. Raises
-    RuntimeError where PETSc's scalars are not real numbers in double precision.
+    For AIJ they are sorted by row and global column; for BAIJ they hold block after block. Raises
+    RuntimeError if PETSc's scalars are not real numbers in double precision.
     """
     if np.dtype(PETSc.ScalarType) != np.float64:
         raise RuntimeError(f"PETSc was built with scalars of type {np.dtype(PETSc.ScalarType)}; "

@@ -1,102 +1,89 @@
-"""The unknowns as PETSc's preconditioners see them: fields by name, and coarser grids.
+"""The unknowns as PETSc's preconditioners access them: fields by name, and coarser grids.
 
-The fields velocity, fluidity and pressure can be split one by one or joined. A block
-of velocity and fluidity knows its coarser grids. Options therefore suffice to choose the
-preconditioner::
+The fields velocity, fluidity and pressure can be split or joined, and a block of velocity and
+fluidity has coarser grids. The preconditioner can therefore be chosen by options::
 
     -pc_type fieldsplit -pc_fieldsplit_0_fields 0,1 -pc_fieldsplit_1_fields 2
     -fieldsplit_0_pc_type mg
 
-Multigrid joins elements in pairs, in both directions; of an odd number the last one stays as it
-is. The interpolation is that of the Q2 elements themselves, whose spaces are nested, and coarse
-operators are Galerkin products.
+A coarser grid joins elements in pairs, in both directions; the last one of an odd number is kept.
+The Q2 spaces of the grids are nested, and coarse operators are Galerkin products.
 """
 
 import numpy as np
 from petsc4py import PETSc
 
 from ..options import ParameterError
-from ..versions import set_schur_matrix
 from .element import Geometry
-from .schur import SchurPreconditioner
 
 
 def field_shell(form):
-    """Return a DM that knows the fields by name and the coarser grids of a block. Collective.
+    """Return a DM with the fields by name and the coarser grids of a block. Collective.
 
-    PCFIELDSPLIT takes its splits from this DM: one by one by name, or joined by number with
-    ``-pc_fieldsplit_0_fields 0,1``; the prefixes are those of PETSc. Corrections of coarser
-    grids do not change the prescribed unknowns.
+    PCFIELDSPLIT obtains its splits and their names from this DM. Corrections from coarser grids do
+    not change the prescribed unknowns.
     """
     grid = form.grid
     return _shell(grid.comm, grid.field_sets(), grid.create_vector(),
                   lambda names: node_level(form, names))
 
 
+def flow_fields(form):
+    """Return the names of the fields at the nodes."""
+    return ["velocity", "fluidity"] if form.grid.has_fluidity else ["velocity"]
+
+
 def node_level(form, names):
-    """Return the `NodeLevel` of the fields ``names``, None where pressure is one of them."""
+    """Return the `NodeLevel` of the fields ``names``, None if pressure is one of them."""
     if "pressure" in names:
         return None
     grid = form.grid
     velocity, fluidity, _ = grid.split(form.held)
     held = {"velocity": [*velocity], "fluidity": [fluidity]}
     held = np.array(sum((held[name] for name in names), []))[:, grid.nodes.owned]
-    starts = [np.concatenate([[0], np.cumsum(part)])
-              for part in grid.nodes.dm.getOwnershipRanges()]
-    at = [np.arange(2 * n + 1.0) for n in grid.shape]
-    level = NodeLevel(grid.comm, at, grid.periodic, starts, len(held), held.T.ravel())
+    level = NodeLevel(grid.comm, [np.arange(2 * n + 1.0) for n in grid.shape], grid.periodic,
+                      _starts(grid.nodes), len(held), held.T.ravel())
     few = np.ceil(np.log2(max(1.0, np.prod(grid.shape) / form.case.max_coarse_elements)) / 2.0)
     level.depth = min(level.coarsenings, max(resolving(form), int(few)))
     return level
 
 
-def resolving(form):
-    """Return how often elements can be joined in pairs until they just resolve what couples.
+def corner_level(form):
+    """Return the `NodeLevel` of the pressures, whose interpolation is linear."""
+    grid, corners = form.grid, form.grid.corners
+    return NodeLevel(grid.comm, [np.arange(n + 1.0) for n in grid.shape], grid.periodic,
+                     _starts(corners), 1, grid.split(form.held)[2][corners.owned], degree=1)
 
-    At least once. `pgran.cases.Case.max_coarse_size` says how large they may be. Collective.
+
+def _starts(lattice):
+    """First index of each part of the ranks, and the end, in x1 and x2."""
+    return [np.concatenate([[0], np.cumsum(part)]) for part in lattice.dm.getOwnershipRanges()]
+
+
+def resolving(form):
+    """Return the number of coarsenings, at least 1, after which the grid still resolves coupling.
+
+    `pgran.cases.Case.max_coarse_size` is the maximum size of its elements. Collective.
     """
     grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    area, = grid.comm.tompi4py().allreduce(form.integrals(
-        np.empty((0, grid.nodes.size)), Geometry(x[:, grid.element_nodes])))
+    weight = Geometry(x[:, grid.element_nodes]).weight
+    area = grid.comm.tompi4py().allreduce(weight[:, grid.elements.owned].sum())
     side = form.case.max_coarse_size * form.material.model.length
     return max(1, int(np.floor(np.log2(side * np.sqrt(np.prod(grid.shape) / area)))))
 
 
-def corner_level(form):
-    """Return the level of the pressures, whose interpolation is linear."""
-    corners = form.grid.corners
-    starts = [np.concatenate([[0], np.cumsum(part)]) for part in corners.dm.getOwnershipRanges()]
-    held = form.grid.split(form.held)[2][corners.owned]
-    return NodeLevel(form.grid.comm, [np.arange(n + 1.0) for n in form.grid.shape],
-                     form.grid.periodic, starts, 1, held, degree=1)
-
-
-def configure(ksp, form):
-    """Hand PCFIELDSPLIT what ``-pc_fieldsplit_schur_precondition user`` asks for. Collective.
-
-    Returns a `SchurPreconditioner` to fill, or None where the options ask for something else.
-    """
-    pc = ksp.getPC()
-    prefix = pc.getOptionsPrefix() or ""
-    asked = PETSc.Options().getString(f"{prefix}pc_fieldsplit_schur_precondition", "")
-    if pc.getType() != PETSc.PC.Type.FIELDSPLIT or asked != "user":
-        return None
-    schur = SchurPreconditioner(form)
-    set_schur_matrix(pc, schur.viscous)
-    return schur
-
-
 class NodeLevel:
-    """The nodes of one grid of a hierarchy, numbered as the unknowns of a block are.
+    """The nodes of one grid of a hierarchy. Their unknowns are numbered as in a block of fields.
 
-    A rank owns the coarse nodes that coincide with its fine ones.
+    A rank owns the coarse nodes that coincide with its fine nodes.
 
     Parameters
     ----------
     comm : PETSc.Comm
     at : tuple of ndarray
-        Where the nodes are along x1 and x2, in any unit; a periodic grid ends with its first node.
+        Coordinates of the nodes along x1 and x2, in any unit; if periodic, the first
+        node is repeated at the end.
     periodic : tuple of bool
     starts : list of ndarray
         First node index of each part of the ranks, and the end, in x1 and x2.
@@ -105,7 +92,7 @@ class NodeLevel:
     held : ndarray of bool, (n_owned,)
         Which unknowns are prescribed, node by node.
     kept : tuple of ndarray, optional
-        The nodes of the finer level that this one has, along x1 and x2, as ``at`` has them.
+        Numbers of the nodes of the finer level that this level has, along x1 and x2.
     degree : int
         2 for Q2 nodes, 1 for corners.
 
@@ -114,7 +101,7 @@ class NodeLevel:
     shape : tuple of int
         Elements along x1 and x2.
     depth : int
-        How many coarser levels are worth having.
+        Number of coarser levels that multigrid uses.
     """
 
     depth = 0
@@ -130,27 +117,24 @@ class NodeLevel:
 
     @property
     def coarsenings(self):
-        """How often elements can be joined, until one is left."""
+        """Number of coarsenings until one element is left."""
         return (max(self.shape) - 1).bit_length()
 
     def coarser(self):
-        """Return the `NodeLevel` of elements joined in pairs. Collective.
-
-        Raises `ParameterError` if there is only one element.
-        """
+        """Return the `NodeLevel` of elements joined in pairs. Collective."""
         if not self.coarsenings:
-            raise ParameterError("pc_mg_levels", None, "too many, as one element cannot be joined "
-                                 "with others", prefix="")
+            raise ParameterError("pc_mg_levels", None, "too many levels; a grid of one element "
+                                 "cannot be coarsened", prefix="")
         kept = [_joined_nodes(n, self.degree) for n in self.shape]
-        mine = np.ix_(*(np.isin(np.arange(*span), nodes)
-                        for span, nodes in zip(reversed(self.range), reversed(kept))))
+        chosen = np.ix_(*(np.isin(np.arange(*span), nodes)
+                          for span, nodes in zip(reversed(self.range), reversed(kept))))
         held = self.held.reshape([np.diff(span)[0] for span in reversed(self.range)] + [self.dof])
         return NodeLevel(self.comm, [x[nodes] for x, nodes in zip(self.at, kept)], self.periodic,
                          [np.searchsorted(nodes, start) for nodes, start in zip(kept, self.starts)],
-                         self.dof, held[mine].ravel(), kept, self.degree)
+                         self.dof, held[chosen].ravel(), kept, self.degree)
 
     def number(self, i, j):
-        """Return the place of nodes among those of all ranks; ``i``, ``j`` global indices."""
+        """Return the numbers among the nodes of all ranks of global indices ``i``, ``j``."""
         parts = [np.searchsorted(start, index, side="right") - 1
                  for start, index in zip(self.starts, (i, j))]
         (i0, i1), (j0, _) = [(start[part], start[part + 1])
@@ -159,9 +143,9 @@ class NodeLevel:
         return self._first[rank] + (j - j0) * (i1 - i0) + i - i0
 
     def interpolation(self, fine):
-        """Return the matrix that takes unknowns of this level to the next finer one. Collective.
+        """Return the matrix from unknowns of this level to the next finer level. Collective.
 
-        The elements' own interpolation between free unknowns, the identity between prescribed ones.
+        It is the identity between prescribed unknowns.
         """
         (i, across), (j, up) = (
             self._along(axis, fine.range[axis], fine.at[axis]) for axis in range(2))
@@ -175,7 +159,9 @@ class NodeLevel:
         matrix = PETSc.Mat().createAIJ(
             ((fine.held.size, None), (self.held.size, None)), bsize=dof, comm=self.comm,
             csr=(start.astype(PETSc.IntType), column[used].astype(PETSc.IntType), value[used]))
-        matrix.diagonalScale(None, self._free())
+        free = self.vector()
+        free.setArray(np.where(self.held, 0.0, 1.0))
+        matrix.diagonalScale(None, free)
         (i0, i1), (j0, j1) = self.range
         j, i = (index.ravel() for index in np.mgrid[j0:j1, i0:i1])
         rows, columns = ((level.number(*nodes)[:, None] * dof + np.arange(dof)).ravel()[
@@ -187,10 +173,7 @@ class NodeLevel:
         return matrix
 
     def _along(self, axis, span, finer):
-        """Nodes of this level (n, degree + 1) and their weights at fine nodes in one direction.
-
-        The fine nodes are those of a ``span``, and ``finer`` says where all of them are.
-        """
+        """Nodes of this level and weights, (n, degree + 1) each, at fine nodes of a ``span``."""
         kept, x, degree = self.kept[axis], self.at[axis], self.degree
         fine = np.arange(*span)
         element = np.searchsorted(kept[degree:-1:degree], fine)
@@ -203,45 +186,39 @@ class NodeLevel:
                 weight[:, -1] = 0.0
         return node, weight
 
-    def _free(self):
-        vector = self.vector()
-        vector.setArray(np.where(self.held, 0.0, 1.0))
-        return vector
-
     def vector(self):
         """Return an empty vector of this level's unknowns. Collective."""
         return PETSc.Vec().createMPI((self.held.size, None), bsize=self.dof, comm=self.comm)
 
 
 def _joined_nodes(n, degree):
-    """The nodes of ``n`` elements that are left when they are joined in pairs."""
+    """The nodes of ``n`` elements that remain when they are joined in pairs."""
     pairs = np.arange(0, 2 * degree * (n // 2) + 1, 2)
     return np.concatenate([pairs, pairs[-1] + np.arange(1, degree + 1)]) if n % 2 else pairs
 
 
 def lagrange(nodes, x):
-    """The weights (n, m) at ``x`` (n,) of the polynomials through values at ``nodes`` (n, m)."""
-    m = nodes.shape[1]
-    apart = nodes[:, :, None] - nodes[:, None, :] + np.eye(m)
-    there = np.where(np.eye(m, dtype=bool), 1.0, x[:, None, None] - nodes[:, None, :])
-    return np.prod(there / apart, axis=2)
+    """Return the weights (n, m) at ``x`` (n,) of polynomials with values at ``nodes`` (n, m)."""
+    diagonal = np.eye(nodes.shape[1])
+    distances = nodes[:, :, None] - nodes[:, None, :] + diagonal
+    factors = np.where(diagonal > 0.0, 1.0, x[:, None, None] - nodes[:, None, :])
+    return np.prod(factors / distances, axis=2)
 
 
 def _shell(comm, sets, vector, level):
-    """A DM of the fields ``sets``; ``level(names)`` gives their `NodeLevel`, None where none is."""
+    """A DM of the fields ``sets``; ``level(names)`` gives their `NodeLevel` or None."""
     names = list(sets)
 
     def decompose(dm):
         return list(names), [sets[name] for name in names], [
-            _block(comm, {name: sets[name]}, level) for name in names]
+            _block(comm, {name: sets[name]}, level)[1] for name in names]
 
     def sub_dm(dm, fields):
         if max(fields) >= len(names):
             known = ", ".join(f"{number} {name}" for number, name in enumerate(names))
             raise ParameterError("pc_fieldsplit_..._fields", ",".join(map(str, fields)),
                                  f"the fields of this model are {known}", prefix="")
-        chosen = {names[k]: sets[names[k]] for k in fields}
-        return _joined(comm, chosen), _block(comm, chosen, level)
+        return _block(comm, {names[k]: sets[names[k]] for k in fields}, level)
 
     dm = PETSc.DMShell().create(comm=comm)
     dm.setGlobalVector(vector)
@@ -251,7 +228,9 @@ def _shell(comm, sets, vector, level):
 
 
 def _block(comm, chosen, level):
-    joined = _joined(comm, chosen)
+    """The index set and the DM of the ``chosen`` fields together."""
+    joined = PETSc.IS().createGeneral(
+        np.sort(np.concatenate([part.indices for part in chosen.values()])), comm=comm)
     vector = PETSc.Vec().createMPI((joined.getLocalSize(), None), comm=comm)
     # Each rank's numbers are contiguous within the block.
     start = vector.getOwnershipRange()[0]
@@ -263,16 +242,11 @@ def _block(comm, chosen, level):
     if nodes:
         _add_levels(dm, nodes)
         dm.setRefineLevel(nodes.depth)
-    return dm
-
-
-def _joined(comm, sets):
-    return PETSc.IS().createGeneral(
-        np.sort(np.concatenate([part.indices for part in sets.values()])), comm=comm)
+    return joined, dm
 
 
 def _add_levels(dm, nodes, finer=None):
-    """Let PCMG coarsen ``dm``, and interpolate from it to the ``finer`` level it came from."""
+    """Let PCMG coarsen ``dm``, and interpolate from it to the ``finer`` level."""
 
     def coarsen(dm, comm):
         coarse = nodes.coarser()

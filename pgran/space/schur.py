@@ -1,14 +1,13 @@
-"""What stands for the Schur complement of velocity and fluidity against pressure.
+"""Approximation of the pressure Schur complement.
 
-With a viscosity eta and the storage rho = phi rho_s/dt of the velocity, the inverse of this
-complement is close to the sum of what it is without inertia and without viscosity (Cahouet &
-Chabard 1988)::
+With a viscosity eta and the storage rho = phi rho_s/dt of the velocity, its inverse is close to the
+sum of its limits without inertia and without viscosity (Cahouet & Chabard 1988)::
 
     -(M^-1 + L^-1),      M = (q, P/eta),      L = B D^-1 B^T
 
 B is the divergence of the free velocities, and D their lumped mass matrix times rho. So L is a
-Laplacian that knows the boundaries: the pressure is zero where the velocity is free, and has no
-flux where it is held. Options choose this preconditioner, and how each part is solved::
+Laplacian with zero pressure where the velocity is free, and no flux where it is held. Without
+inertia there is no L. Options choose this preconditioner, and the solver of each part::
 
     -pc_fieldsplit_schur_precondition user
     -fieldsplit_pressure_pc_type python
@@ -16,85 +15,86 @@ flux where it is held. Options choose this preconditioner, and how each part is 
     -fieldsplit_pressure_viscous_pc_type sor
     -fieldsplit_pressure_inertial_pc_type gamg
 
-Without inertia there is no L. Any other PC in place of this one sees M and not L.
+Any other PC uses M only.
 """
 
 import numpy as np
 from petsc4py import PETSc
 
-#: The name under which PETSc keeps -L with -M.
+from ..versions import set_schur_matrix
+
+#: The name under which PETSc stores -L with -M.
 INERTIAL = "pgran_inertial"
 
 
+def configure(ksp, form):
+    """Return the `SchurPreconditioner` that options request, or None. Collective."""
+    pc = ksp.getPC()
+    prefix = pc.getOptionsPrefix() or ""
+    kind = PETSc.Options().getString(f"{prefix}pc_fieldsplit_schur_precondition", "")
+    if pc.getType() != PETSc.PC.Type.FIELDSPLIT or kind != "user":
+        return None
+    schur = SchurPreconditioner(form)
+    set_schur_matrix(pc, schur.viscous)
+    return schur
+
+
 class SchurPreconditioner:
-    """The matrices -M and -L of a form. Making and filling them is collective.
+    """The matrices -M and -L of a form. Creating and filling them is collective.
 
-    Parameters
-    ----------
-    form : pgran.space.weakform.WeakForm
-
-    Attributes
-    ----------
-    viscous : PETSc.Mat
-        -M, which PETSc lets know the -L that was filled last.
+    ``viscous`` is -M. PETSc stores the last -L with it.
     """
 
     def __init__(self, form):
         self._form, self.viscous = form, form.create_pressure_mass()
         grid, sets = form.grid, form.grid.field_sets()
-        self._velocity, self._pressure = sets["velocity"], sets["pressure"]
-        # The same in a Jacobian of blocks: numbers within the block of the nodes, or the corners.
-        self._inner = []
-        for part, field in zip(grid.part_sets(), (self._velocity, self._pressure)):
+        self._sets = [sets[name] for name in ("velocity", "pressure")]
+        # Numbers within the blocks of the nodes and of the corners, for a Jacobian of blocks.
+        self._block_sets = []
+        for part, field in zip(grid.part_sets(), self._sets):
             above = grid.comm.tompi4py().scan(part.getLocalSize()) - part.getLocalSize()
             numbers = above + np.searchsorted(part.indices, field.indices)
-            self._inner.append(
+            self._block_sets.append(
                 PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=grid.comm))
 
     def fill(self, local, shift, increment, jacobian):
-        """Fill them for the unknowns ``local`` (n_local,) and the ``jacobian`` there.
-
-        ``shift`` is that of `WeakForm.jacobian`, gdot0.
-        """
+        """Fill them for unknowns (n_local,) and their ``jacobian`` with a ``shift``, gdot0."""
         self._form.pressure_mass(local, increment, self.viscous)
         storage = self._form.lumped_storage(shift, increment)
         if storage is not None:
             self.viscous.compose(INERTIAL, self._laplacian(storage, jacobian))
 
     def _laplacian(self, storage, jacobian):
-        """-L, with the rows of prescribed pressures from the Jacobian: those of the identity."""
-        divergence, pressure = self._parts(jacobian)
+        """-L, whose rows of prescribed pressures are rows of the identity."""
+        if jacobian.getType() == PETSc.Mat.Type.NEST:
+            velocity, pressure = self._block_sets
+            divergence = jacobian.getNestSubMatrix(1, 0).createSubMatrix(pressure, velocity)
+            pressures = jacobian.getNestSubMatrix(1, 1)
+        else:
+            divergence, pressures = (jacobian.createSubMatrix(self._sets[1], columns)
+                                     for columns in self._sets)
         gradient = divergence.transpose()
         scale = gradient.createVecLeft()
         scale.setArray(storage**-0.5)
         gradient.diagonalScale(scale)
         laplacian = gradient.transposeMatMult(gradient)
         laplacian.scale(-1.0)
-        laplacian.axpy(1.0, pressure)
+        laplacian.axpy(1.0, pressures)
         return laplacian
-
-    def _parts(self, jacobian):
-        """The rows of the pressures in the Jacobian: columns of velocities, and of pressures."""
-        if jacobian.getType() == PETSc.Mat.Type.NEST:
-            velocity, pressure = self._inner
-            return (jacobian.getNestSubMatrix(1, 0).createSubMatrix(pressure, velocity),
-                    jacobian.getNestSubMatrix(1, 1))
-        return (jacobian.createSubMatrix(self._pressure, columns)
-                for columns in (self._velocity, self._pressure))
 
 
 class CahouetChabard:
-    """-(M^-1 + L^-1) as a PC of type python, whose parts have options of their own. Collective."""
+    """-(M^-1 + L^-1) as a PC of type python. The parts have separate options. Collective."""
 
     def setFromOptions(self, pc):
-        """Make the PC of both parts."""
+        """Create the PC of both parts."""
         self._viscous, self._inertial = (PETSc.PC().create(comm=pc.comm) for _ in range(2))
         for name, part in ("viscous", self._viscous), ("inertial", self._inertial):
             part.setOptionsPrefix(f"{pc.getOptionsPrefix()}{name}_")
             part.setFromOptions()
 
     def setUp(self, pc):
-        """Give each part its matrix."""
+        """Set the matrix of each part."""
         _, mass = pc.getOperators()
         self._viscous.setOperators(mass)
         self._laplacian = mass.query(INERTIAL)

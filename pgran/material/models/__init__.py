@@ -124,7 +124,7 @@ class Model(ABC):
         """Return the second derivative of F with respect to mu, (points, n) or a number, gdot0.
 
         P and g are held; the arguments are those of `lag`. Newton's method uses it near a double
-        root of F, see `pgran.space.chord`. The default is zero: there is no double root.
+        root of F, see `pgran.space.points.secant`. The default is zero: there is no double root.
         """
         return 0.0
 

@@ -1,0 +1,133 @@
+"""Fields at the nodes, energy, and integrals of a solution of a `WeakForm`."""
+
+import numpy as np
+
+from ..material.elasticity import strain_fields
+from . import element
+
+#: A nodal pressure below this fraction of the mean pressure of the elements around it is only
+#: discretisation error.
+VANISHING = 1e-3
+
+
+def nodal_strains(form, velocity, x):
+    """Return the `strain_fields` at the nodes, {name: ndarray}, from the Gauss points.
+
+    ``strain_rate_tensor`` (3, n_nodes) and ``spin`` (n_nodes,), and where the mesh moves
+    ``strain_tensor`` (3, n_nodes) and ``volume_change`` (n_nodes,) since the start, complete at
+    owned nodes. ``velocity``, in d gdot0, and the nodes ``x``, in d, are (2, n_nodes).
+    """
+    grid, start = form.grid, None
+    if form.case.moving:
+        start = grid.gradient(x, form.case.coordinates(grid.nodes.i, grid.nodes.j))
+    found = strain_fields(grid.gradient(velocity, x), start)
+    return {name: grid.at_nodes(values) if values.ndim == 2 else np.array(
+        [grid.at_nodes(part) for part in values]) for name, values in found.items()}
+
+
+def nodal_fields(form, local, increment):
+    """Return ``fluidity``, ``pressure``, ``inertial_number`` and ``stress_ratio`` at the nodes.
+
+    Arrays (n_nodes,), complete at owned nodes. mu comes from the Gauss points by `Grid.at_nodes`.
+    For NGF g is nodal and I = g mu/s. Where the nodal pressure and s vanish, and for LI, I and g
+    come from the Gauss points too.
+    """
+    grid = form.grid
+    _, fluidity, corners = grid.split(local)
+    pressure = grid.corner_field(corners)
+    mu, I = (grid.at_nodes(part) for part in (form.stress_ratio(local, increment),
+                                              form.inertial_number(local, increment)))
+    if grid.has_fluidity:
+        P = form.pressure(local, increment)
+        around = grid.at_nodes(np.broadcast_to(P.mean(axis=0), P.shape))
+        chosen = pressure > VANISHING * around
+        I[chosen] = (fluidity * mu)[chosen] / form.material.inverse_time(pressure[chosen])
+    else:
+        fluidity = grid.at_nodes(form.collect(local, increment, lambda p: p.response.fluidity))
+    return {"fluidity": fluidity, "pressure": pressure, "inertial_number": I, "stress_ratio": mu}
+
+
+def power(form, local, forces, increment):
+    """Return the power that the material receives and the power that it dissipates. Collective.
+
+    ::
+
+        received   = sum over held nodes f.v + <t, v> + (b, v) + (sigma, L_0)
+        dissipated = (sigma', D_p) = (g mu, mu P)
+
+    ``forces`` (n_local,) come from `WeakForm.forces`. Of the solution, the received power is the
+    sum of the dissipated power and the rate of the stored energy. Both are in stress d^2 gdot0 per
+    unit depth.
+    """
+    grid, case = form.grid, form.case
+    base = case.base_gradient
+    local = np.where(form.held, increment.prescribed, local)
+    velocity, _, _ = grid.split(local)
+    reactions, _, _ = grid.split(np.where(form.held, forces, 0.0))
+    received = ((reactions + increment.load) * velocity)[:, grid.nodes.owned].sum()
+
+    def densities(p):
+        dissipated = p.response.fluidity * p.response.stress_ratio**2 * p.P
+        inside = np.zeros_like(dissipated)
+        if np.any(base):
+            s11, s22, s12 = p.deviator()
+            inside += ((s11 - p.P) * base[0, 0] + (s22 - p.P) * base[1, 1]
+                       + s12 * (base[0, 1] + base[1, 0]))
+        if case.body_force is not None:
+            inside += (case.body_force(p.x) * p.velocity).sum(axis=0)
+        return np.array([inside, dissipated])
+
+    inside, dissipated = _over_elements(
+        grid, increment.geometry.weight * form.collect(local, increment, densities))
+    return grid.comm.tompi4py().allreduce(np.array([received + inside, dissipated]))
+
+
+def stored_energy(form, local, stress, geometry):
+    """Return the stored energy and the volume, stress d^2 and d^2 per unit depth. Collective.
+
+    The energy is sigma':sigma'/(4 G) of the deviator ``stress`` (3, points, n), and with
+    inertia also phi rho_s v^2/2.
+    """
+    s11, s22, s12 = stress
+    energy = (s11**2 + s22**2 + 2.0 * s12**2) / (4.0 * form.material.G)
+    density = form.storage["velocity"]
+    if density:
+        nodal = form.grid.split(local)[0][:, form.grid.element_nodes]
+        energy = energy + 0.5 * density * sum((element.SHAPE @ part)**2 for part in nodal)
+    sums = _over_elements(form.grid, geometry.weight * np.array([energy, np.ones_like(energy)]))
+    return form.grid.comm.tompi4py().allreduce(sums)
+
+
+def integrals(grid, nodal, geometry):
+    """Return the integrals of Q2 fields (k, n_nodes) and of 1 over the elements of this rank.
+
+    (k + 1,), times d^2 per unit depth.
+    """
+    nodal = np.array([*nodal, np.ones(nodal.shape[1])])
+    return _over_elements(grid, geometry.weight * (element.SHAPE @ nodal[:, grid.element_nodes]))
+
+
+def side_integrals(grid, nodal, x, side):
+    """Return the integrals along a side of nodal fields (k, n_nodes) and of 1, (k + 1,), times d.
+
+    They are over the elements that this rank owns; ``x`` (2, n_nodes) are the nodes.
+    """
+    owned = np.isin(grid.side_elements(side), grid.elements.owned)
+    nodes = grid.side_nodes(side)[:, owned]
+    length = element.WEIGHTS_1D[:, None] * np.hypot(*(element.SIDE_SLOPE @ x[:, nodes]))
+    values = element.SIDE_SHAPE @ np.array([*nodal, np.ones(nodal.shape[1])])[:, nodes]
+    return (length * values).sum(axis=(1, 2))
+
+
+def reaction(grid, forces, side):
+    """Return the force (2,) of a side on the owned nodes of the material, stress times d.
+
+    ``forces`` (n_local,) come from `WeakForm.forces`.
+    """
+    nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
+    return grid.split(forces)[0][:, nodes].sum(axis=1)
+
+
+def _over_elements(grid, values):
+    """Sums (k,) of values (k, points, n) over the elements that this rank owns."""
+    return values[..., grid.elements.owned].sum(axis=(1, 2))
