@@ -108,7 +108,7 @@ class Law(ABC):
         return np.where(done, mu, np.nan)
 
 
-def ill_posedness(mu, nu, centre=0.0, reach=float(np.sqrt(0.5))):
+def ill_posedness(mu, nu, centre=0.0, reach=0.5**0.5):
     """Return q^2 + 8 r^2 reach^2 - 4 r (1 - sqrt(2) q centre), r = 1 - nu, q = mu (1 - nu/2).
 
     It is positive where some long wave grows. For LI waves of all lengths then grow, and the law
