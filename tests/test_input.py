@@ -152,7 +152,7 @@ RUNS = {
     "open quote": (["-options_file", "quote.opts"], "quote.opts, line 1: no closing quotation"),
     "misspelt in a file": (["-options_file", "misspelt.opts"], "did you mean -pgran_width"),
     # combinations
-    "does not divide": (["-pgran_element_size", "7"], "-pgran_width 40: must be a whole multiple"),
+    "does not divide": (["-pgran_element_size", "7"], "-pgran_width 40: must be an integer multiple"),
     "steady inertia": (["-pgran_inertia", "true", "-ts_type", "pseudo"], "-pgran_inertia true"),
     "theory's model": (["-pgran_model", "ig"], "only the linear theory knows this model"),
     "law without length": (["-pgran_law", "barker_gray"], "no cooperativity length"),

@@ -100,7 +100,7 @@ def test_resolving_options_needs_neither_petsc_nor_mpi():
 
 @pytest.mark.parametrize("arguments, message", [
     (["-pgran_elment_size", "2"], "-pgran_elment_size 2: no such option"),
-    (["-pgran_element_size", "7"], "-pgran_width 40: must be a whole multiple"),
+    (["-pgran_element_size", "7"], "-pgran_width 40: must be an integer multiple"),
     (["-pgran_model", "ig"], "-pgran_model ig: only the linear theory knows this model"),
     (["-pgran_restart", "x.h5"], "-pgran_restart x.h5: there is no such file"),
     (["-options_file", "options/none.opts"], "-options_file options/none.opts: there is no such"),
@@ -167,7 +167,7 @@ class Crooked(Cell):
 
 @pytest.mark.parametrize("name, message", [
     ("Lacking", "flow.py:Lacking: Lacking misses shape"),
-    ("Crooked", "its shape is (2, 0); allowed are two integers > 0"),
+    ("Crooked", "its shape is (2, 0); must be two integers > 0"),
     ("None", "has no class None; it has Cell, Lacking, Crooked"),
     ("np", "np is not a subclass of pgran.cases.Case")])
 def test_a_case_that_misses_something_is_told_what_on_one_line(tmp_path, name, message):

@@ -163,7 +163,7 @@ def test_options_files_are_read_as_petsc_reads_them(tmp_path):
     assert found.body_force == (-1e-3, -0.5)
     with pytest.raises(OptionError, match="there is no such file"):
         run_on_ranks.asked(tmp_path / "b.opts")
-    with pytest.raises(ParameterError, match="whole multiple"):
+    with pytest.raises(ParameterError, match="integer multiple"):
         run_on_ranks.asked(path, "-pgran_element_size", 3)
 
 

@@ -1,4 +1,4 @@
-"""Steady unidirectional flows and their time scales, from one-dimensional problems.
+"""Steady unidirectional flows, from one-dimensional problems.
 
 In each of these flows mu(x) and P(x) are known except for one constant, which follows from the
 speed of the wall. NGF is then a linear two-point boundary-value problem for g, dynamic NGF a
@@ -373,69 +373,3 @@ def stopping_height(law, A, slope):
     if mu <= law.yield_ratio:
         return np.inf
     return float(np.pi / 2.0 * A / np.sqrt(law.inverse_length_squared(np.asarray(mu))[0]))
-
-
-def slope_rate(law, I0, phi, height, slope):
-    """Return the rate (< 0), gdot0, at which LI flow on a slope approaches the Bagnold profile.
-
-    A small disturbance satisfies phi I0^2 dv'/dt = (eta v'')' with eta = mu_loc'(I) I0 sqrt(P).
-    It is zero at the base, and free of shear stress at the surface. Over the depth z::
-
-        v' = z^(1/4) J_(-1/3)((4/3) sqrt(q) z^(3/4)),   rate = -q mu_loc' sqrt(cos)/(phi I0)
-    """
-    from scipy.special import jv
-
-    angle = np.radians(slope)
-    I = law.inertial_number(np.asarray(np.tan(angle)))[0]
-    zero = _root(lambda x: jv(-1.0 / 3.0, x), 1.0, 3.0)
-    q = (0.75 * zero)**2 / height**1.5
-    return float(-q * law.stress_ratio(I)[1] * np.sqrt(np.cos(angle)) / (phi * I0))
-
-
-def stopping_time(law, I0, phi, height, slope, velocity, dt, cells=100, rest=1e-6):
-    """Return the time, 1/gdot0, in which LI flow stops on a slope below yield.
-
-    Finite volumes and implicit Euler. The unknowns are shear stresses: s I_loc(|tau|/P) is a
-    monotonic function of them, and Newton's method needs no regularisation. The flow stops when
-    all speeds are below ``rest``; the time is interpolated in the last step.
-
-    Parameters
-    ----------
-    velocity : callable
-        Initial speed (n,) at heights (n,) above the base, d gdot0.
-    dt : float
-        Time step, 1/gdot0.
-
-    Raises
-    ------
-    ValueError
-        If the stress does not converge, or the flow does not stop.
-    """
-    angle, h = np.radians(slope), height / cells
-    density, middle = phi * I0**2, (np.arange(cells) + 0.5) * h
-    P = np.cos(angle) * (height - np.arange(cells) * h)  # at the lower face of each cell
-    s, v = np.sqrt(P) / I0, velocity(middle)
-    spacing = np.full(cells, h)
-    spacing[0] = h / 2.0  # from the wall to the first centre
-    down = np.eye(cells) - np.eye(cells, k=-1)  # v_i - v_(i-1); the wall does not move
-    coupling = dt / density * (down / spacing[:, None]) @ (down.T / h)
-    tau, time = np.sin(angle) * (height - np.arange(cells) * h), 0.0
-    limit = law.stress_ratio(np.full(cells, 1e12))[0]
-    for _ in range(10**6):
-        forced = down @ (v + dt / density * np.sin(angle)) / spacing
-        for _ in range(100):
-            I, slope_of_I = law.inertial_number(np.abs(tau) / P)
-            residual = s * I * np.sign(tau) + coupling @ tau - forced
-            change = np.linalg.solve(np.diag(s * slope_of_I / P) + coupling, residual)
-            new = tau - change
-            beyond = np.abs(new) >= limit * P  # half of the way to the limit of the law
-            tau = np.where(beyond, 0.5 * (tau + np.sign(new) * limit * P), new)
-            if np.abs(change).max() < 1e-10 * np.abs(P).max():  # the next change is rounding
-                break
-        else:
-            raise ValueError("the stress of the stopping flow has not converged")
-        previous, v = np.abs(v).max(), v + dt / density * (np.sin(angle) - down.T @ tau / h)
-        time, now = time + dt, np.abs(v).max()
-        if now < rest:
-            return time - dt * (rest - now) / (previous - now)
-    raise ValueError("the flow does not stop")
