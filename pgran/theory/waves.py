@@ -435,9 +435,9 @@ def fastest(coefficients, N=PURE_SHEAR):
     for _ in range(BISECTIONS):
         middle = (low + high) / 2.0
         delay = coefficients.relaxation * _ridge(middle, coefficients, centre, reach)[0]
-        # The imaginary part of f(x + i h) is h f'(x).
-        slope = _steady_ridge(middle + 1e-40j, coefficients, centre, reach, delay)[0].imag
-        rising = slope > 0.0
+        with np.errstate(invalid="ignore"):  # the imaginary part of f(x + i h) is h f'(x)
+            rising = _steady_ridge(middle + 1e-40j, coefficients, centre, reach,
+                                   delay)[0].imag > 0.0
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
     square = np.where(unstable, (low + high) / 2.0, np.nan)
     rate, y = _ridge(square, coefficients, centre, reach)
@@ -501,7 +501,7 @@ def ill_posed_ranges(law, I_range=(1e-12, 1e4)):
         return laws.ill_posedness(*laws.sensitivity(law, I))
 
     edges = laws.sign_changes(C, *I_range)
-    low, high = (C(I) > 0.0 for I in I_range)
+    low, high = (int(C(I) > 0.0) for I in I_range)
     return np.concatenate([[0.0] * low, edges, [np.inf] * high]).reshape(-1, 2)
 
 
