@@ -1,7 +1,7 @@
 # %% [markdown]
 # # A shear band
-# A specimen of 40 d x 120 d is compressed to 10 %. The non-local model gives one band of its own
-# width. Run this on more ranks with `ranks=2`.
+# A specimen of 40 d x 120 d is compressed to 10 %. The non-local model develops one band, whose
+# width is set by the rheology. Use `ranks=2` to run on two ranks.
 
 # %%
 import matplotlib.pyplot as plt
@@ -12,7 +12,7 @@ result = pgran.run("results/band.h5", inertial_number=0.001, snapshots=[0.05, 0.
 print(result)
 
 # %% [markdown]
-# What the band is, and when it came: the stress on the upper plate falls when the flow localises.
+# Angle and width of the band. The stress on the upper plate decreases when the flow localises.
 
 # %%
 band = result.snapshots[-1].band()

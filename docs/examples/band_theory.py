@@ -1,8 +1,8 @@
 # %% [markdown]
 # # The theory of the band
-# A disturbance of homogeneous compression grows at a rate that depends on its wave vector. The
-# local model lets all short waves grow; the non-local one has a cut-off, and so a wavelength of its
-# own (equation 3.4 of Li & Henann 2019).
+# The growth rate of a disturbance of homogeneous compression depends on its wave vector. In the
+# local model all short waves grow. The non-local model has a cut-off and therefore a finite
+# wavelength (equation 3.4 of Li & Henann 2019).
 
 # %%
 import matplotlib.pyplot as plt
@@ -31,10 +31,10 @@ axes.legend()
 figure.savefig("results/theory.png")
 
 # %% [markdown]
-# In a finite specimen the band begins as a sway of the whole specimen, at a rate that has a closed
-# form.
+# In a finite specimen the band begins as an antisymmetric (sway) mode, whose growth rate has an
+# analytical solution.
 
 # %%
 rate = specimen.growth_rate(law=law, model="ngf", inertial_number=inertial_number, width=40.0,
                             height=120.0, amplitude=amplitude, density=0.0, relaxation_time=None)
-print(f"the specimen sways at {rate} gdot0")
+print(f"growth rate of the sway mode: {rate} gdot0")

@@ -1,6 +1,6 @@
 # %% [markdown]
-# # A law of one's own
-# A law is one class in one file, here `power_law.py`. pgran takes it by the name of the file.
+# # A user-defined law
+# A law is one class in one file, here `power_law.py`. The option `law` names file and class.
 
 # %%
 from pathlib import Path
@@ -19,7 +19,7 @@ axes.set(xlabel="I", ylabel="mu")
 figure.savefig("results/own_law.png")
 
 # %% [markdown]
-# The specimen with this law. Without a cooperativity length it is a law for the local model.
+# The specimen with this law. The law has no cooperativity length, so it needs the local model.
 
 # %%
 path = Path(pgran.__file__).parents[1] / "docs" / "examples" / "power_law.py"

@@ -1,9 +1,9 @@
-"""Planar shear between two rough plates, as a case of one's own.
+"""Planar shear between two rough plates, as a user-defined case.
 
     mpiexec -n 2 python -m pgran -options_file options/own_case.opts
 
-The bottom plate rests. The top plate moves along x1 with the speed V = gdot0 H and presses with the
-pressure P_w. Along x1 the flow is periodic. Lengths are in d, stresses in P_w and times in 1/gdot0.
+The bottom plate does not move. The top plate moves along x1 with the speed V = gdot0 H and has the
+pressure P_w. The flow is periodic along x1. Lengths are in d, stresses in P_w and times in 1/gdot0.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from pgran.options import BOTH, positive
 
 
 class PlanarShear(Case):
-    """A layer of height H under a plate that shears it and presses on it."""
+    """A layer of height H under a plate that shears and compresses it."""
 
     options = (
         positive("inertial_number", 0.01, "", "I0 = gdot0 d sqrt(rho_s/P_w)", shared=BOTH),

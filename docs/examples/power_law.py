@@ -1,9 +1,9 @@
-"""A law of one's own: the stress ratio rises with a power of the inertial number.
+"""A user-defined law: the stress ratio increases with a power of the inertial number.
 
     python -m pgran.stability -posedness -pgran_law docs/examples/power_law.py:PowerLaw
     mpiexec -n 2 python -m pgran -options_file options/power_law.opts
 
-Without a cooperativity length it is a law for LI.
+The law has no cooperativity length and applies to LI.
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ class PowerLaw(Law):
     n: float
 
     options = (positive("mu_s", 0.26, "", "static yield value of the stress ratio", shared=BOTH),
-            positive("c", 0.8, "", "mu_loc - mu_s at I = 1", shared=BOTH),
-            positive("n", 0.5, "", "power of the inertial number", shared=BOTH))
+               positive("c", 0.8, "", "mu_loc - mu_s at I = 1", shared=BOTH),
+               positive("n", 0.5, "", "power of the inertial number", shared=BOTH))
 
     @property
     def yield_ratio(self):

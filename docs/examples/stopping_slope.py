@@ -1,8 +1,7 @@
 # %% [markdown]
-# # A slope that stops
-# A layer on a slope flows if it is thicker than H_stop, which has a closed form for the non-local
-# model in its primitive form. Two layers, one thicker and one thinner, tell whether the solver
-# agrees.
+# # Stopping height on a slope
+# A layer on a slope flows if it is thicker than H_stop, which is known analytically for
+# dynamic NGF. Two runs, with a thicker and a thinner layer, confirm it.
 
 # %%
 import pgran

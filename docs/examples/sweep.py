@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A sweep
-# One run for each target inertial number: two at a time here, and one for each task of a job array
-# on a cluster (`bash jobs/cluster.sh slurm sweep 1 docs/examples/sweep.py 4 1 2`). Runs that are
-# done are not made again.
+# One run per target inertial number: two at a time here, and one per task of a job array on a
+# cluster (`bash jobs/cluster.sh slurm sweep 1 docs/examples/sweep.py 4 1 2`). Completed runs are
+# reused.
 
 # %%
 import pgran
@@ -12,7 +12,7 @@ sweep = pgran.sweep({"inertial_number": [0.001, 0.003, 0.007, 0.03]},
 print(sweep)
 
 # %% [markdown]
-# With pandas, `sweep.to_pandas()` is the same as a table, and `sweep[0]` is the first result.
+# `sweep.to_pandas()` returns the table as a pandas data frame, and `sweep[0]` is the first result.
 
 # %%
 for row in sweep.rows():

@@ -57,8 +57,8 @@ class Case(ABC):
     Attributes
     ----------
     options : tuple of pgran.options.Option
-        Options of the case. They replace common options of the same name. Those of `TIME` are added
-        unless the case has an option named snapshots.
+        Options of the case. They replace common options of the same name. `TIME` is added unless
+        the case has an option named snapshots.
     periodic : tuple of bool
         Whether the grid is periodic along i and along j.
     moving : bool
@@ -307,7 +307,7 @@ class Case(ABC):
         """Return velocity (2, n), fluidity (n,) and pressure (n,) of the reference flow.
 
         It is the base state of spectra and of an added mode, the initial guess for steady flow,
-        and the flow from which step-size control measures deviations.
+        and the base of the deviations in step-size control.
         """
         n = x.shape[1]
         return np.zeros_like(x), np.full(n, self.fluidity), np.full(n, self.pressure)

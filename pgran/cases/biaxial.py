@@ -42,7 +42,7 @@ class Biaxial(PureShear):
 
     @classmethod
     def resolve(cls, parameters, names):
-        """Set height and end, and refuse options of the imperfection if there is none."""
+        """Set height and end, and refuse options of a missing imperfection."""
         super().resolve(parameters, names)
         parameters.snapshots = reached(parameters.snapshots, parameters.compression)
         for name in ("imperfection_size", "imperfection_mirrored"):

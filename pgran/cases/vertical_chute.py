@@ -2,8 +2,8 @@
 
     mpiexec -n 2 python -m pgran -options_file options/vertical_chute.opts
 
-The walls x1 = 0 and x1 = W prevent motion along x2. The left wall is fixed, and the right one has
-the pressure P_w. The chute is periodic along x2, and the weight of the material,
+The walls x1 = 0 and x1 = W prevent motion along x2. The left wall is fixed, and the pressure of the
+right wall is P_w. The chute is periodic along x2, and the weight of the material,
 `-pgran_gravity` P_w/d, points along -x2. The unit of time is d sqrt(rho_s/P_w).
 """
 

@@ -22,12 +22,9 @@ def stress_rate(dt, stress, previous_dt=None, previous=None):
 
     The scheme is BDF2 with variable steps, and backward Euler in the first step.
 
-    Parameters
-    ----------
-    dt, previous_dt : float
-        Sizes of this step and the previous one (None in the first step), 1/gdot0.
-    stress, previous : ndarray, (3, ...)
-        Deviators one and two steps ago, rotated with the material.
+    ``dt`` and ``previous_dt`` are the sizes of this step and the previous one (None in the first
+    step), 1/gdot0. ``stress`` and ``previous`` are the deviators (3, ...) one and two steps ago,
+    rotated with the material.
     """
     if previous_dt is None:
         return 1.0, stress
@@ -39,19 +36,9 @@ def stress_rate(dt, stress, previous_dt=None, previous=None):
 def strain_fields(velocity_gradient, deformation_gradient=None):
     """Return strain rate, spin, strain and volume change, {name: ndarray}.
 
-    Parameters
-    ----------
-    velocity_gradient : ndarray, (2, 2, ...)
-        L_ij = d v_i/d x_j, gdot0.
-    deformation_gradient : ndarray, (2, 2, ...), optional
-        F_ij = d x_i/d X_j since the start.
-
-    Returns
-    -------
-    dict
-        ``strain_rate_tensor`` (3, ...), sym L, gdot0; ``spin`` (...), (L21 - L12)/2, gdot0. With F
-        also ``strain_tensor`` (3, ...), see `logarithmic_strain`, and ``volume_change`` (...),
-        det F - 1.
+    From L_ij = d v_i/d x_j (2, 2, ...), gdot0: ``strain_rate_tensor`` (3, ...), sym L, and ``spin``
+    (...), (L21 - L12)/2. From F_ij = d x_i/d X_j (2, 2, ...) since the start, if given:
+    ``strain_tensor`` (3, ...), see `logarithmic_strain`, and ``volume_change`` (...), det F - 1.
     """
     (l11, l12), (l21, l22) = velocity_gradient
     found = {"strain_rate_tensor": np.array([l11, l22, (l12 + l21) / 2.0]),

@@ -11,8 +11,8 @@ nonlinear one, and LI has the local fluidity::
 with s = sqrt(P)/I0. The velocity follows from v' = g mu, in a ring from r (v/r)' = -g mu. The
 interval is divided into panels, with a division where mu = mu_s, and each panel has a polynomial
 by collocation at Chebyshev points. Below a free surface s is proportional to the root u of the
-depth, and the fields are smooth functions of u. Units are those of `pgran.cases`: d, the stress
-unit of the case and 1/gdot0.
+depth, and the fields are smooth functions of u. Units: d, the stress unit of the
+case and 1/gdot0.
 """
 
 from dataclasses import dataclass

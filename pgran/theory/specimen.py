@@ -194,9 +194,9 @@ class Mode:
     growth_rate : float or complex
         r, gdot0.
     velocity : ndarray, (2, ...)
-        Factors of cos(k x2) in v1 and of sin(k x2) in v2, d gdot0.
+        Factors of cos(k x2) in v1 and of sin(k x2) in v2, d gdot0, at fixed points.
     pressure, fluidity : ndarray, (...)
-        Factors of cos(k x2) in P', |sigma_1|, and in g', gdot0.
+        Factors of cos(k x2) in P', |sigma_1|, and in g', gdot0, at fixed points.
     """
 
     growth_rate: object
@@ -215,10 +215,6 @@ def mode(x1, law, model, **specimen):
     law, model, **specimen
         Attributes of `Specimen`.
 
-    Returns
-    -------
-    Mode
-        Disturbances at fixed points, with the shape of ``x1``; complex if the growth rate is.
     """
     across = _Across(Specimen(law, model, **specimen))
     x1, k = np.asarray(x1, dtype=float), across.k
@@ -246,17 +242,12 @@ def column_growth_rate(law, model, **specimen):
     Parameters
     ----------
     law, model, **specimen
-        Attributes of `Specimen`. Parity and shear modulus have no effect.
+        Attributes of `Specimen`, which raises ValueError. Parity and shear modulus have no effect.
 
     Returns
     -------
     float
         The positive root r, gdot0.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of bounds.
     """
     p = Specimen(law, model, **specimen)
     P, L, k, M = 1.0 / (1.0 - p.mu), p.width, p.wave_number, p.inertial_number * p.slope

@@ -1,12 +1,12 @@
 """Linear stability of homogeneous flow in closed form (sections 3, 5 and appendix A of the paper).
 
-Wave vectors are dimensionless: A d k (NGF, LI) or sqrt(nu_I) d k (IG). Growth rates are those of
-the paper, A^2 d^2 phi rho_s lambda/eta0 (NGF, LI) or nu_I d^2 phi rho_s lambda/eta0 (IG), unless a
-name says otherwise. Arrays of wave vectors have the shape (..., n) with n = 2 or 3. Inertial
+Wave vectors are dimensionless: A d k (NGF, LI) or sqrt(nu_I) d k (IG). So are growth rates:
+A^2 d^2 phi rho_s lambda/eta0 (NGF, LI) or nu_I d^2 phi rho_s lambda/eta0 (IG), unless a name says
+otherwise. Arrays of wave vectors have the shape (..., n) with n = 2 or 3. Inertial
 numbers broadcast against (...).
 
-An incompressible perturbation satisfies v.k = 0. On this subspace the tensor (3.16) is symmetric
-and, apart from -|k|^2, of rank one. The largest growth rate is therefore
+An incompressible perturbation satisfies v.k = 0. On this subspace the tensor (3.16) is the sum of
+-|k|^2 and a symmetric tensor of rank one. The largest growth rate is therefore
 
     |k|^2 (2 r |P N k^|^2 / (1 - sqrt(2) q k^.N k^) - 1),     P = 1 - k^ k^.
 
@@ -29,7 +29,7 @@ BASE_FLOWS = {"pure_shear": np.array([[0.5, 0.0], [0.0, -0.5]]),
               "simple_shear": np.array([[0.0, 1.0], [0.0, 0.0]])}
 #: Models with a linear theory.
 MODELS = "ngf", "ngf_primitive", "li", "ig"
-#: Iterations of `_ridge`, each of which about doubles the digits; bisections of `fastest`.
+#: Iterations of `_ridge`, which converges quadratically, and bisections of `fastest`.
 ITERATIONS, BISECTIONS = 8, 42
 
 
@@ -59,21 +59,9 @@ class Coefficients:
     def of(cls, law, model, I0, relaxation=None):
         """Return the coefficients of a law at inertial numbers.
 
-        Parameters
-        ----------
-        law : pgran.material.laws.Law
-        model : str
-            One of `MODELS`.
-        I0 : ndarray or float
-            Inertial numbers >= 0.
-        relaxation : ndarray or float, optional
-            T > 0 as defined above; only for ngf_primitive.
-
-        Raises
-        ------
-        ValueError
-            If there is no theory of the model, if the law has no cooperativity length, or if I0
-            or T is out of bounds.
+        ``law`` is a `pgran.material.laws.Law`, ``model`` one of `MODELS`, ``I0`` >= 0 (...), and
+        ``relaxation`` T > 0, only for ngf_primitive. Raises ValueError for other values, and for
+        NGF if the law has no cooperativity length.
         """
         if model not in MODELS:
             raise ValueError(f"model {model}: there is no linear theory; expected one of: "
@@ -177,7 +165,7 @@ def tensor(k, N, r, q, convection=0.0, gradient=None):
     convection : float, optional
         A^2 phi I0^2/mu_loc, the inverse of `viscous_rate`.
     gradient : ndarray, (n, n), optional
-        L0/gdot0; with it the tensor is that of (A 7).
+        L0/gdot0, for the tensor of (A 7).
 
     Returns
     -------
@@ -409,7 +397,7 @@ def _ridge(square, coefficients, centre, reach):
     """`_steady_ridge`, also for dynamic NGF, whose direction depends on the growth rate.
 
     The direction and the growth rate are found in turn. An error of the direction changes the
-    growth rate in second order only, so the convergence is that of Newton's method.
+    growth rate in second order only, so convergence is quadratic.
     """
     if coefficients.model != "ngf_primitive":
         return _steady_ridge(square, coefficients, centre, reach)
@@ -491,7 +479,7 @@ def critical_inertial_numbers(law, I_range=(1e-6, 1e2), N=PURE_SHEAR):
 
 
 def ill_posed_ranges(law, I_range=(1e-12, 1e4)):
-    """Return the ranges (m, 2) of inertial numbers for which LI is ill-posed in plane flow.
+    """Return the ranges (m, 2) of inertial numbers with ill-posed LI in plane flow.
 
     C(I) of `pgran.material.laws.ill_posedness` is positive there. The first range begins at 0 if
     C > 0 at the lower end of ``I_range``, and the last one ends at infinity if C > 0 at the upper

@@ -33,7 +33,7 @@ class Law(ABC):
     options : tuple of pgran.options.Option
         Options of the law. `of` passes their values to the constructor by name.
     yield_ratio : float or ndarray
-        Stress ratio up to which nothing flows locally; 0 for a law without yield value.
+        Largest stress ratio without local flow; 0 for a law without yield value.
     """
 
     options = ()
@@ -62,7 +62,7 @@ class Law(ABC):
 
     @property
     def limit(self):
-        """Limit of mu_loc for I -> infinity; infinite if there is none."""
+        """Limit of mu_loc for I -> infinity, possibly infinite."""
         previous, last = self.stress_ratio(np.array([1e12, 1e15]))[0]
         return float(last) if last - previous < 1e-9 * last else np.inf
 

@@ -129,14 +129,8 @@ class Model(ABC):
     def spurious_root(self, law, mu, I):
         """Return mu_loc(I) - mu_s where F vanishes because mu = mu_s, and zero elsewhere.
 
-        Uniform flow must satisfy mu = mu_loc(I). The solver repeats a step that converged to
-        another root of F, see `pgran.solve.driver`. The default is 0: no other root.
-
-        Parameters
-        ----------
-        law : pgran.material.laws.Law
-        mu, I : ndarray, (points, n)
-            Stress ratio, and inertial number of the plastic rate.
+        ``mu`` and ``I`` are (points, n). Uniform flow must satisfy mu = mu_loc(I). The solver
+        repeats a step that converged to another root of F. The default is 0: no other root.
         """
         return np.zeros_like(mu)
 

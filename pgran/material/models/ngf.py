@@ -28,13 +28,9 @@ class NGF(Model):
         return self.A**2
 
     def response(self, law, s, gdot, P, g, theta):
-        """Return the `Response` with the elastic return.
+        """Return the `Response` with the elastic return and F of `source`.
 
-        ::
-
-            sigma' = 2 P/(g + theta P) D~,    mu = gdot~/(g + theta P)
-
-        and F of `source`.
+        sigma' = 2 P/(g + theta P) D~ and mu = gdot~/(g + theta P).
         """
         total = 1.0 / (g + theta * P)
         mu = gdot * total
@@ -52,24 +48,10 @@ class NGF(Model):
                 fluidity=source.fluidity - source.rate * mu * total))
 
     def source(self, law, s, mu, P, g):
-        """Return F and its derivatives at points.
+        """Return F of (2.5)-(2.8) at points, gdot0, as `WithDerivatives`.
 
-        ::
-
-            F = (A^2 d^2/xi^2) (g - g_loc),   g_loc = s I_loc(mu)/mu             (2.5)-(2.8)
-
-        Parameters
-        ----------
-        law, s, P, g
-            As for `response`.
-        mu : ndarray, (points, n)
-            Stress ratio.
-
-        Returns
-        -------
-        WithDerivatives
-            F in gdot0, with partial derivatives with respect to mu (``rate``), P and g. The
-            derivative with respect to P includes the change of s.
+        F = (A^2 d^2/xi^2) (g - g_loc) with g_loc = s I_loc(mu)/mu. The derivatives are partial ones
+        with respect to mu (``rate``), P and g; the derivative with respect to P includes s.
         """
         stiffness, slope = law.inverse_length_squared(mu)
         excess = self.fluidity_excess(law, s, mu, P, g)

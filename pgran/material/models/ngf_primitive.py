@@ -1,4 +1,4 @@
-"""Dynamic NGF, the primitive form of the model, whose fluidity relaxes in time."""
+"""Dynamic NGF, whose fluidity relaxes in time."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ CHECKED, ROUNDING = np.array([1e-3, 1e-2, 1e-1]), 1e-6
 
 @dataclass(frozen=True)
 class NGFPrimitive(NGF):
-    """Dynamic non-local granular fluidity (the primitive form in the paper).
+    """Dynamic non-local granular fluidity ("primitive" in the paper).
 
     ::
 
@@ -30,12 +30,7 @@ class NGFPrimitive(NGF):
     this F would then drive g to minus infinity. For g < 0 it is therefore replaced by
     F = (A^2 d^2/xi^2) g - b sqrt(d^2 rho_s/P) mu g^2, which returns g to 0.
 
-    Attributes
-    ----------
-    relaxation_time : float
-        t0, 1/gdot0.
-    start_fluidity : float
-        See `Model`.
+    ``relaxation_time`` is t0, 1/gdot0, and ``start_fluidity`` is explained in `Model`.
     """
 
     relaxation_time: float
@@ -52,10 +47,7 @@ class NGFPrimitive(NGF):
 
     @classmethod
     def resolve(cls, parameters, names):
-        """Set the default of t0, and refuse a law with a cooperativity length other than (2.8).
-
-        Raises `pgran.options.ParameterError`.
-        """
+        """Set the default of t0; `ParameterError` for a cooperativity length other than (2.8)."""
         if parameters.relaxation_time is None:
             parameters.relaxation_time = parameters.inertial_number
         law = parameters.part("law").of(parameters)
