@@ -161,7 +161,7 @@ RUNS = {
     "I0 too fast": (["-pgran_inertial_number", "10"], "-pgran_inertial_number 10"),
     "square too large": (["-pgran_imperfection_size", "80"], "-pgran_imperfection_size 80"),
     "no square": (["-pgran_imperfection", "1", "-pgran_imperfection_mirrored", "1"],
-                  "there is no weak square"),
+                  "there is no imperfection"),
     "size without seed": (["-pgran_mode_amplitude", "1"], "means nothing without -pgran_mode_file"),
     "snapshot without restart": (["-pgran_restart_snapshot", "1"], "means nothing without"),
     "steps the wrong way": (["-pgran_step_min", "1"], "must lie below -pgran_step_max"),

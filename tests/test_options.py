@@ -48,10 +48,10 @@ def test_names_that_others_rely_on_are_there():
      "-pgran_plates_slip false: this option belongs to -pgran_case biaxial"),
     ({"pgran_mu_2": "0.6"}, "-pgran_mu_2 0.6: this option belongs to -pgran_law barker_gray and "
      "-pgran_law jop"),
-    ({"pgran_law": "jop", "pgran_I_0": "0.3", "pgran_b": "1"}, "-pgran_I_0 0.3: takes the place "
-     "of -pgran_b"),
+    ({"pgran_law": "jop", "pgran_I_0": "0.3", "pgran_b": "1"}, "-pgran_I_0 0.3: replaces "
+     "-pgran_b"),
     ({"pgran_imperfection": "1", "pgran_imperfection_mirrored": "true"},
-     "-pgran_imperfection_mirrored True: there is no weak square with -pgran_imperfection 1"),
+     "-pgran_imperfection_mirrored True: there is no imperfection with -pgran_imperfection 1"),
     ({"pgran_mode_amplitude": "0.1"}, "-pgran_mode_amplitude 0.1: means nothing without -pgran_mode_file"),
     ({"pgran_restart_snapshot": "0"}, "-pgran_restart_snapshot 0: means nothing without "
      "-pgran_restart"),
