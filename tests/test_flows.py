@@ -317,7 +317,7 @@ def test_a_load_without_steady_flow_is_an_error(given, message):
 # Finite elements and profiles
 
 def solved(**given):
-    """The form, the exact fields and the solution of the steady equations, (velocity, g) at nodes."""
+    """The form, exact fields, and solved fields of steady flow, (velocity, g) at nodes."""
     form = discretised(**given)
     case, grid = form.case, form.grid
     profile = case.profile()
