@@ -1,4 +1,4 @@
-"""The specimen in closed form: known numbers, and a transfer matrix of 170 digits."""
+"""The theory of the specimen: known numbers, and a transfer matrix with 170 digits."""
 
 import mpmath
 import numpy as np
@@ -11,6 +11,7 @@ from pgran.theory import specimen
 from pgran.theory.specimen import PARITIES, column_growth_rate, growth_rate, mode
 
 BINGHAM, JOP = Bingham(0.3819, 0.9377), Jop(0.3819, 0.6435, 0.9377)
+REGULARISED = BarkerGray(0.342, 0.557, 0.069)
 SPECIMEN = {"inertial_number": 0.001, "width": 40.0, "height": 120.0}
 #: phi rho_s = phi I0^2 P0 at phi = 0.6 and I0 = 0.001.
 DENSITY = 0.6 * 0.001**2 / (1.0 - 0.3819 - 0.9377 * 0.001)
@@ -21,11 +22,10 @@ def rate(law=BINGHAM, model="ngf", **more):
 
 
 class Transfer:
-    """The theory once more, as first-order equations y' = M y across the whole width.
+    """The theory as first-order equations y' = M y across the width, without parity and roots.
 
-    y = v1, v2, sigma_11, sigma_12, g', g',1, for LI without the last two. exp(M L) takes the left
-    face to the right one, and the conditions at both faces fix y and the displacements. It knows
-    neither parity nor roots, and P' comes from the equations as they stand in (2.3) to (2.7).
+    y = v1, v2, sigma_11, sigma_12, g', g',1, for LI without the last two. exp(M L) maps the left
+    face to the right one, and P' follows directly from (2.3) to (2.7).
     """
 
     def __init__(self, law, model, r, *, inertial_number, width, height, half_waves=1,
@@ -136,22 +136,14 @@ def test_known_growth_rates(height, half_waves, parity, expected):
 CASES = [
     (BINGHAM, "ngf", {}),
     (BINGHAM, "ngf", {"parity": "barrel", "half_waves": 2}),
-    (BINGHAM, "ngf", {"inertial_number": 0.0169, "height": 61.0, "parity": "barrel"}),
     (BINGHAM, "ngf", {"inertial_number": 1e-4, "width": 100.0, "height": 50.0}),
-    (BINGHAM, "ngf", {"height": 4000.0}),
     (BINGHAM, "ngf", {"amplitude": 5.0, "height": 30.0}),
-    (JOP, "ngf", {"inertial_number": 0.05}),
-    (BINGHAM, "li", {}),
     (JOP, "li", {"inertial_number": 0.03, "parity": "barrel", "half_waves": 3}),
-    (BINGHAM, "ngf", {"density": DENSITY}),
     (BINGHAM, "ngf", {"density": DENSITY, "parity": "barrel"}),
     (BINGHAM, "ngf", {"density": DENSITY, "parity": "barrel", "width": 120.0, "height": 57.0}),
     (BINGHAM, "ngf", {"shear_modulus": 100.0}),
-    (BINGHAM, "ngf", {"shear_modulus": 10.0, "height": 80.0}),
-    (BINGHAM, "li", {"shear_modulus": 100.0}),
     (BINGHAM, "li", {"shear_modulus": 1000.0, "density": DENSITY}),
     (JOP, "ngf", {"shear_modulus": 1000.0, "density": 100 * DENSITY, "inertial_number": 0.01}),
-    (BINGHAM, "ngf_primitive", {"relaxation_time": 1e-3}),
     (JOP, "ngf_primitive", {"relaxation_time": 1e-5, "shear_modulus": 100.0}),
     (BINGHAM, "ngf_primitive", {"relaxation_time": 1e-3, "parity": "barrel", "half_waves": 2,
                                 "density": DENSITY}),
@@ -159,17 +151,23 @@ CASES = [
 
 
 @pytest.mark.parametrize("law, model, more", CASES, ids=str)
-def test_growth_rates_are_those_of_a_transfer_matrix(law, model, more):
-    found = rate(law, model, **more)
-    expected = exact(law, model, found, {**SPECIMEN, **more})
-    assert abs(found - expected) < 1e-9 * abs(expected)
+def test_growth_rates_and_modes_agree_with_a_transfer_matrix(law, model, more):
+    arguments = {**SPECIMEN, **more}
+    x = arguments["width"] / 2.0 * np.array([-1.0, -0.97, 0.0, 0.7, 1.0])
+    found = mode(x, law, model, **arguments)
+    expected = exact(law, model, found.growth_rate, arguments)
+    assert abs(found.growth_rate - expected) < 1e-9 * abs(expected)
+    expected = Transfer(law, model, found.growth_rate, **arguments).fields(x)
+    computed = np.array([*found.velocity, found.pressure, found.fluidity])
+    assert np.isrealobj(computed) == np.isrealobj(found.growth_rate)
+    scale = np.abs(expected).max(axis=1, keepdims=True)
+    assert np.abs((computed - expected) / scale).max() < 1e-8
 
 
-def test_digits_stay_where_roots_of_the_characteristic_equation_meet():
-    """They meet between H = 20 and 25 d: complex below, real above."""
+def test_growth_rate_is_accurate_where_roots_of_the_characteristic_equation_coincide():
+    """They coincide between H = 20 and 25 d: complex below, real above."""
     def roots(height):
-        across = specimen._Across.of(BINGHAM, "ngf", 0.001, 40.0, height, 1, "sway", 0.48, 0.0,
-                                     None, None)
+        across = specimen._Across(specimen.Specimen(BINGHAM, "ngf", 0.001, 40.0, height))
         return specimen._roots(across.polynomials(0.0)[-1])
 
     low, high = 10.0, 25.0
@@ -183,62 +181,27 @@ def test_digits_stay_where_roots_of_the_characteristic_equation_meet():
                                   rel=1e-9)
 
 
-@pytest.mark.parametrize("law, model, more", [
-    CASES[0], CASES[1], CASES[3], CASES[7], CASES[10], CASES[12], CASES[15], CASES[18]], ids=str)
-def test_modes_are_those_of_a_transfer_matrix(law, model, more):
-    arguments = {**SPECIMEN, **more}
-    half = arguments["width"] / 2.0
-    x = half * np.array([-1.0, -0.97, -0.4, 0.0, 0.7, 0.99, 1.0])
-    found = mode(x, law, model, **arguments)
-    expected = Transfer(law, model, found.growth_rate, **arguments).fields(x)
-    computed = np.array([*found.velocity, found.pressure, found.fluidity])
-    assert np.isrealobj(computed) == np.isrealobj(found.growth_rate)
-    scale = np.abs(expected).max(axis=1, keepdims=True)
-    assert np.abs((computed - expected) / scale).max() < 1e-8
-
-
-@pytest.mark.parametrize("parity, sign", [("sway", 1.0), ("barrel", -1.0)])
-def test_a_mode_has_its_parity_and_displaces_the_right_face_by_one(parity, sign):
-    found = mode(np.array([-20.0, -7.0, 7.0, 20.0]), BINGHAM, "ngf", parity=parity, **SPECIMEN)
-    v1, v2 = found.velocity
-    assert v1[-1] + 0.5 == pytest.approx(found.growth_rate, rel=1e-9)
-    for field, even in ((v1, sign), (v2, -sign), (found.pressure, -sign), (found.fluidity, -sign)):
-        np.testing.assert_allclose(field, even * field[::-1], rtol=1e-9)
-
-
-def test_half_waves_of_a_tall_specimen_are_those_of_a_short_one():
-    for more in ({}, {"density": DENSITY}, {"shear_modulus": 300.0}):
-        assert rate(height=360.0, half_waves=3, **more) == pytest.approx(rate(**more), rel=1e-9)
-
-
-def test_little_inertia_and_elasticity_change_little():
-    rigid = rate()
-    assert rate(shear_modulus=np.inf) == rigid
-    for more in ({"density": 1e-14}, {"shear_modulus": 1e9}):
-        assert rate(**more) == pytest.approx(rigid, rel=1e-5)
-
-
-def test_the_primitive_form_grows_more_slowly_and_as_fast_without_relaxation_time():
+def test_relaxation_time_inertia_and_elasticity_have_the_right_limits():
     rates = [rate(model="ngf_primitive", relaxation_time=t0) for t0 in (1e-11, 1e-6, 1e-4, 1e-2)]
     assert rates[0] == pytest.approx(rate(), rel=1e-5)
     assert rates == sorted(rates, reverse=True) and rates[-1] > 0.0
-
-
-def test_elasticity_raises_growth_until_the_specimen_buckles_at_once():
-    rates = [rate(shear_modulus=G) for G in (1e5, 1e3, 100.0, 10.0, 6.0)]
-    assert rates == sorted(rates)
-    with pytest.raises(ValueError, match="buckles elastically, at once"):
-        rate(shear_modulus=4.0)
-
-
-def test_inertia_makes_a_barrel_oscillate():
+    assert rate(shear_modulus=np.inf) == rate()
+    for more in ({"density": 1e-14}, {"shear_modulus": 1e9}):
+        assert rate(**more) == pytest.approx(rate(), rel=1e-5)
     found = rate(density=DENSITY, parity="barrel")
     assert found.real < 0.0 < found.imag
 
 
+def test_elasticity_increases_growth_up_to_elastic_buckling():
+    rates = [rate(shear_modulus=G) for G in (1e5, 1e3, 100.0, 10.0, 6.0)]
+    assert rates == sorted(rates)
+    with pytest.raises(ValueError, match="buckles elastically"):
+        rate(shear_modulus=4.0)
+
+
 @pytest.mark.parametrize("model, more", [
     ("ngf", {}), ("li", {}), ("ngf_primitive", {"relaxation_time": 1e-8})], ids=str)
-def test_a_slender_specimen_sways_as_a_column_that_creeps(model, more):
+def test_a_slender_specimen_sways_as_a_creeping_column(model, more):
     for density in (0.0, 1e-12):
         wide = {"inertial_number": 0.001, "width": 100.0, "height": 6000.0, "density": density,
                 **more}
@@ -248,34 +211,20 @@ def test_a_slender_specimen_sways_as_a_column_that_creeps(model, more):
 
 
 @pytest.mark.parametrize("more, message", [
-    ({"model": "ig"}, "model ig: allowed is ngf | ngf_primitive | li"),
+    ({"model": "ig"}, "model ig: expected one of: ngf, ngf_primitive, li"),
     ({"model": "ngf_primitive"}, "relaxation time: the model ngf_primitive needs one"),
-    ({"relaxation_time": 1.0}, "relaxation time: the model ngf has none"),
-    ({"model": "ngf_primitive", "relaxation_time": 0.0}, "time 0.0: allowed is a number > 0"),
-    ({"parity": "left"}, "parity left: allowed is sway | barrel"),
-    ({"half_waves": 0}, "half waves 0: allowed is an integer >= 1"),
-    ({"half_waves": 1.5}, "half waves 1.5: allowed is an integer >= 1"),
-    ({"width": 0.0}, "width 0.0: allowed is a number > 0"),
-    ({"height": -1.0}, "height -1.0: allowed is a number > 0"),
-    ({"height": float("nan")}, "height nan: allowed is a number > 0"),
-    ({"inertial_number": 0.0}, "inertial number 0.0: allowed is a number > 0"),
-    ({"inertial_number": 1.0}, "mu_loc(I0) is 1.32, and plane-strain compression needs it"),
-    ({"amplitude": 0.0}, "amplitude 0.0: allowed is a number > 0"),
-    ({"density": -1.0}, "density -1.0: allowed is a number >= 0"),
-    ({"shear_modulus": 0.5}, "shear modulus 0.5: allowed is a number above mu P0, 0.6203"),
-    ({"law": BarkerGray(0.342, 0.557, 0.069)}, "the law BarkerGray has no cooperativity length")],
-    ids=str)
-def test_bad_arguments_are_refused(more, message):
+    ({"parity": "left"}, "parity left: expected one of: sway, barrel"),
+    ({"half_waves": 1.5}, "half_waves 1.5: must be an integer >= 1"),
+    ({"width": 0.0}, "width 0.0: must be a number > 0"),
+    ({"height": float("nan")}, "height nan: must be a number > 0"),
+    ({"inertial_number": 1.0}, "mu_loc(I0) is 1.32; plane-strain compression requires"),
+    ({"density": -1.0}, "density -1.0: must be a number >= 0"),
+    ({"shear_modulus": 0.5}, "shear_modulus 0.5: must be a number > mu P0 = 0.6203"),
+    ({"law": REGULARISED}, "the law BarkerGray has no cooperativity length")], ids=str)
+def test_invalid_arguments_are_refused(more, message):
     with pytest.raises(ValueError) as error:
         rate(**more)
     assert message in str(error.value)
-
-
-def test_places_outside_the_specimen_are_refused():
     with pytest.raises(ValueError, match="between -L/2 and L/2"):
         mode(np.array([20.1]), BINGHAM, "ngf", **SPECIMEN)
-
-
-def test_a_law_without_cooperativity_length_serves_li():
-    law = BarkerGray(0.342, 0.557, 0.069)
-    assert all(np.isfinite(rate(law, "li", parity=parity)) for parity in PARITIES)
+    assert all(np.isfinite(rate(REGULARISED, "li", parity=parity)) for parity in PARITIES)

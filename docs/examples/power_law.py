@@ -23,8 +23,8 @@ class PowerLaw(Law):
     n: float
 
     options = (positive("mu_s", 0.26, "", "static yield value of the stress ratio", shared=BOTH),
-            positive("c", 0.8, "", "mu_loc - mu_s at I = 1", shared=BOTH),
-            positive("n", 0.5, "", "power of the inertial number", shared=BOTH))
+               positive("c", 0.8, "", "mu_loc - mu_s at I = 1", shared=BOTH),
+               positive("n", 0.5, "", "power of the inertial number", shared=BOTH))
 
     @property
     def yield_ratio(self):

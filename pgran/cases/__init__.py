@@ -1,7 +1,7 @@
-"""Cases: one file a flow. A case owns its domain, walls, loads, units, start, end and observables.
+"""Cases, which are flow problems. A new case is one new file, in this package or elsewhere.
 
-A case is a class that derives from `Case`; a new case is one new file, here or anywhere else.
-`read` resolves options, and `create` makes the case that they describe.
+A case is a class that derives from `Case`. `read` resolves options, and `create` returns the case
+that they describe.
 """
 
 import copyreg
@@ -14,19 +14,19 @@ from .. import options
 from ..material import LAWS, MODELS, Material
 from ..options import BOTH, Option, ParameterError, positive
 
-#: Counts that differ by less than this share are the same.
+#: Relative differences below this are rounding.
 ROUNDING = 1e-9
-#: Most elements in one direction; more could not be counted.
-MOST = 1e9
+#: Maximum number of elements in one direction.
+MAX_ELEMENTS = 1e9
 
-#: The rows of a case that is counted by time.
+#: Options of a case whose progress is time.
 TIME = (
-    positive("end_time", 1.0, "1/gdot0", "where the run ends", changeable=True),
-    Option("snapshots", "floats", None, "1/gdot0", "times at which the fields are written, each "
-           "reached exactly; times beyond the end are left out, and the end is always written",
-           low=0.0, open_low=True, changeable=True),
+    positive("end_time", 1.0, "1/gdot0", "end of the run", changeable=True),
+    Option("snapshots", "floats", None, "1/gdot0", "exact times at which fields are written; times "
+           "after the end are ignored, and the end is always written", low=0.0, open_low=True,
+           changeable=True),
     Option("rest_speed", "float", 1e-6, "d gdot0", "the run also ends when the largest velocity "
-           "has been above this and falls below it; 0 leaves this out", low=0.0, changeable=True),
+           "falls below this value; 0: never", low=0.0, changeable=True),
 )
 
 
@@ -41,13 +41,13 @@ def traction(vector):
 
 
 class Case(ABC):
-    """A flow: the seam between a problem and the solver.
+    """A flow problem: everything about a flow except how it is discretised and solved.
 
-    A subclass must define `shape` and `coordinates`; everything else has a default. Functions of
-    global indices take integer arrays ``i``, ``j`` (n,): of Q2 nodes (two an element), of corners
-    or of elements, counted along x1 and x2 (or along whatever `coordinates` makes of them). On a
-    periodic grid they may lie beyond its ends. Lengths are in d, stresses in the stress unit of
-    the case, times in 1/gdot0.
+    A subclass must define `shape` and `coordinates`; everything else has a default. Global indices
+    are integer arrays ``i``, ``j`` (n,) of Q2 nodes (two per element), corners or elements. They
+    count along x1 and x2, or along the curves that `coordinates` defines, and may lie beyond the
+    ends of a periodic grid. Lengths are in d, stresses in the stress unit of the case, and times in
+    1/gdot0.
 
     Parameters
     ----------
@@ -57,39 +57,41 @@ class Case(ABC):
     Attributes
     ----------
     options : tuple of pgran.options.Option
-        The case's own options. A row with the name of a common one takes its place. The rows of
-        `TIME` are added unless the case has a row named snapshots.
+        Options of the case. They replace common options of the same name. `TIME` is added unless
+        the case has an option named snapshots.
     periodic : tuple of bool
-        Whether the grid closes on itself along i and along j.
+        Whether the grid is periodic along i and along j.
     moving : bool
         Whether the mesh moves with the material. On a fixed mesh the flow rotates and advects the
         stress, and inertia contains the convective acceleration (v.grad) v.
     max_coarse_size : float
-        Mean side over A d of the coarsest elements that multigrid may use. They resolve what
-        couples velocity and fluidity over long distances: three are the shortest growing wavelength
-        (k A d = 0.1226) unless a case says otherwise.
+        Largest mean side of an element of the coarsest multigrid level, over A d. Such elements
+        resolve the long-range coupling of velocity and fluidity. The default is a third of the
+        shortest growing wavelength (k A d = 0.1226).
     max_coarse_elements : float
-        How many elements the coarsest grid may have, as every rank may have to factorise its
-        matrix. Beyond them it is coarsened further, whatever `max_coarse_size` says.
+        Largest number of elements of the coarsest level, whose matrix every rank may have to
+        factorise. Larger grids are coarsened further, regardless of `max_coarse_size`.
     walls_of_local_fluidity : tuple of str
-        Sides where g = g_loc takes the place of the fluidity equation. Their ends must be periodic.
+        Sides where g = g_loc replaces the fluidity equation. Their ends must be periodic.
     free_surfaces : tuple of str
-        Sides where the pressure goes to zero. Close to them the fluidity source is integrated as a
-        function of the root of the distance.
-    rests : str or None
-        Why nothing flows in this case, in words, where that is known beforehand.
+        Sides where the pressure vanishes. Close to them the fluidity source is integrated as a
+        function of the square root of the distance.
+    why_at_rest : str or None
+        Why nothing flows in this case, if this is known in advance.
     base_gradient : ndarray, (2, 2)
-        A velocity gradient that is added to that of the nodal velocity, gdot0.
+        Velocity gradient that is added to the gradient of the nodal velocity, gdot0.
     stress_unit : str
-        What stresses are measured in.
+        Unit of stresses.
+    weight : tuple of float
+        Weight per volume (2,), stress/d.
     fluidity_source : callable or None
         ``fluidity_source(x)`` returns a source (...) of the fluidity equation at points ``x``
-        (2, ...), for verification. ``body_force`` is of the same kind and returns (2, ...).
+        (2, ...), for verification. ``body_force`` returns (2, ...) in the same way.
     observables : dict or tuple of str
-        Names of the columns that `observe` adds to the history, as {name: unit}, where "stress" in
-        a unit means that of the case; or the names alone, for pure numbers.
+        Columns that `observe` adds to the history, as {name: unit}, where "stress" in a unit means
+        the stress unit of the case; or only names, for pure numbers.
     progress_name : str
-        What `count` returns; the attribute of a snapshot that says how far the run was.
+        Name of what `progress` returns, and of the attribute of a snapshot that stores it.
     """
 
     options = ()
@@ -99,6 +101,7 @@ class Case(ABC):
     max_coarse_elements = 300
     base_gradient = np.zeros((2, 2))
     stress_unit = "stress"
+    weight = 0.0, 0.0
     fluidity_source = None
     walls_of_local_fluidity = ()
     free_surfaces = ()
@@ -108,18 +111,16 @@ class Case(ABC):
 
     def __init_subclass__(cls, **more):
         super().__init_subclass__(**more)
-        if not any(row.name == "snapshots" for row in cls.options):
+        if not any(option.name == "snapshots" for option in cls.options):
             cls.options = (*cls.options, *TIME)
 
     def __init__(self, parameters):
         self.parameters = parameters
         self.law = parameters.part("law").of(parameters)
 
-    # Options
-
     @classmethod
-    def resolve(cls, parameters, given):
-        """Fill in and check values of ``parameters``; ``given`` holds the names that were set.
+    def resolve(cls, parameters, names):
+        """Complete and check ``parameters``; ``names`` are the options that the user has set.
 
         By default the snapshots end with ``end_time``. Raises `pgran.options.ParameterError`.
         """
@@ -132,9 +133,9 @@ class Case(ABC):
 
     @classmethod
     def with_wave(cls, parameters, k):
-        """Return the parameters of a cell that holds the wave vector ``k`` (2,), 1/d, or None.
+        """Return the parameters of a periodic cell for the wave vector ``k`` (2,), 1/d.
 
-        None says that the case is no such cell, so that no theory of waves holds.
+        None, the default, means that the case is not a periodic cell of homogeneous flow.
         """
         return None
 
@@ -142,7 +143,7 @@ class Case(ABC):
 
     @property
     def inertial_time(self):
-        """sqrt(d^2 rho_s) in sqrt(stress)/gdot0; I0 where stresses are in the reference stress."""
+        """sqrt(d^2 rho_s) in sqrt(stress)/gdot0: I0 if the stress unit is the reference stress."""
         return self.parameters.inertial_number
 
     @property
@@ -163,14 +164,13 @@ class Case(ABC):
     @cached_property
     def material(self):
         """The `pgran.material.Material` in the units of the case."""
-        parameters = self.parameters
-        return Material(self.law, parameters.part("model").of(parameters), self.inertial_time,
-                        self.pressure, self.stress_ratio, parameters.phi,
-                        parameters.shear_modulus)
+        p = self.parameters
+        return Material(self.law, p.part("model").of(p), self.inertial_time, self.pressure,
+                        self.stress_ratio, p.phi, p.shear_modulus)
 
     @property
     def stress_scale(self):
-        """The stress unit in Pa, or None where the options do not say it."""
+        """The stress unit in Pa, or None if it is not set."""
         return None
 
     def scales(self):
@@ -190,10 +190,7 @@ class Case(ABC):
 
     @property
     def specimen(self):
-        """Arguments of `pgran.theory.specimen.growth_rate` for this case, or None.
-
-        None says that the closed form of the specimen does not hold.
-        """
+        """Arguments of `pgran.theory.specimen.growth_rate`, or None if it does not apply."""
         return None
 
     # Mesh
@@ -209,7 +206,7 @@ class Case(ABC):
 
     @property
     def unknowns(self):
-        """How many unknowns there are: velocity and fluidity at Q2 nodes, pressure at corners."""
+        """Number of unknowns: velocity and fluidity at Q2 nodes, pressure at corners."""
         nodes, corners = (np.prod([degree * n + 1 - int(wrap) for n, wrap in zip(
             self.shape, self.periodic)], dtype=float) for degree in (2, 1))
         fields = len(self.shape) + int(self.material.model.has_fluidity)
@@ -217,16 +214,15 @@ class Case(ABC):
 
     @property
     def closed(self):
-        """Whether the grid closes on itself in space along i and along j, as a ring does."""
+        """Whether the grid is closed in space along i and along j, as in a ring."""
         return tuple(wrap and bool((np.abs(shift) <= 1e-9).all())
                      for wrap, shift in zip(self.periodic, self.period))
 
     @property
     def period(self):
-        """By how much the initial coordinates change once around the grid, (2, 2), d.
+        """Change of the initial coordinates over one period along i and along j, (2, 2), d.
 
-        The first entry is the change along i, the second one along j; zero where the grid is not
-        periodic.
+        A row is zero if the grid is not periodic in its direction.
         """
         found = np.zeros((2, 2))
         for axis, wrap in enumerate(self.periodic):
@@ -238,55 +234,58 @@ class Case(ABC):
         return found
 
     def elements_along(self, name):
-        """Return how many elements of ``element_size`` make the length that a parameter gives.
+        """Return the number of elements of side ``element_size`` along the length ``name``.
 
-        Raises `pgran.options.ParameterError` where they do not divide it.
+        Raises `pgran.options.ParameterError` if the length is not an integer multiple.
         """
         size, side = getattr(self.parameters, name), self.parameters.element_size
-        if size / side > MOST:
-            raise ParameterError(name, f"{size:g}", f"makes {size / side:.3g} elements of "
-                                 f"@element_size {side:g}; allowed are {MOST:g}")
-        count = round(size / side)
-        if count < 1 or abs(count * side - size) > 1e-9 * size:
+        if size / side > MAX_ELEMENTS:
+            raise ParameterError(name, f"{size:g}", f"requires {size / side:.3g} elements of "
+                                 f"@element_size {side:g}; the maximum is {MAX_ELEMENTS:g}")
+        count = max(1, round(size / side))
+        if abs(count * side - size) > ROUNDING * size:
             raise ParameterError(name, f"{size:g}",
-                                 f"must be a whole multiple of @element_size {side:g}")
+                                 f"must be an integer multiple of @element_size {side:g}")
         return count
 
     # Conditions
 
     def prescribed_velocity(self, time, i, j):
-        """Return prescribed nodal velocities (2, n), d gdot0; not a number where free."""
+        """Return prescribed nodal velocities (2, n), d gdot0; NaN where free."""
         return np.full((2, i.size), np.nan)
 
     def prescribed_fluidity(self, time, i, j):
-        """Return prescribed nodal fluidities (n,), gdot0; not a number where free."""
+        """Return prescribed nodal fluidities (n,), gdot0; NaN where free."""
         return np.full(i.size, np.nan)
 
     def prescribed_pressure(self, time, i, j):
-        """Return prescribed corner pressures (n,), stress; not a number where free."""
+        """Return prescribed corner pressures (n,), stress; NaN where free."""
         return np.full(i.size, np.nan)
 
     def tractions(self, time):
         """Return the loads on sides, {side: traction}; sides are left, right, bottom and top.
 
         ``traction(x, area)`` returns the force (2, ...) on pieces of the deformed side at points
-        ``x`` (2, ...), whose outward normals times length are ``area`` (2, ...). `pressure` and
-        `traction` make such functions.
+        ``x`` (2, ...), where ``area`` (2, ...) is the outward normal times the length. `pressure`
+        and `traction` return such functions.
         """
         return {}
 
     @property
     def body_force(self):
-        """A function that returns b (2, ...) of (2.2), stress/d, at points (2, ...), or None."""
-        force = self.parameters.body_force
-        if not any(force):
+        """A function that returns b (2, ...) of (2.2), stress/d, at points (2, ...), or None.
+
+        b is `weight` plus ``-pgran_body_force``.
+        """
+        force = np.add(self.parameters.body_force, self.weight)
+        if not force.any():
             return None
         return lambda x: np.reshape(force, (2,) + (1,) * (x.ndim - 1))
 
     def nodes_outside(self, time, x, i, j):
-        """Return which nodes have left the domain, (n,) bool, and in words how; None if none can.
+        """Return which nodes have left the domain, (n,) bool, and a text that says how, or None.
 
-        ``x`` (2, n) are the nodes ``i``, ``j`` (n,) at a time.
+        ``x`` (2, n) are the positions of the nodes ``i``, ``j`` (n,) at a time.
         """
         return None
 
@@ -299,7 +298,7 @@ class Case(ABC):
     def start(self, x):
         """Return velocity (2, n), fluidity (n,) and pressure (n,) at rest, at points (2, n).
 
-        The velocity is where Newton's method starts; without fluidity nothing flows yet.
+        The velocity is the initial guess of Newton's method; without fluidity nothing flows yet.
         """
         velocity, _, pressure = self.reference(x)
         return velocity, np.zeros(x.shape[1]), pressure
@@ -307,8 +306,8 @@ class Case(ABC):
     def reference(self, x):
         """Return velocity (2, n), fluidity (n,) and pressure (n,) of the reference flow.
 
-        It is the flow that spectra are taken about, that a seed is added to, from which steady
-        flow is sought, and from which the step control measures departures.
+        It is the base state of spectra and of an added mode, the initial guess for steady flow,
+        and the base of the deviations in step-size control.
         """
         n = x.shape[1]
         return np.zeros_like(x), np.full(n, self.fluidity), np.full(n, self.pressure)
@@ -316,34 +315,34 @@ class Case(ABC):
     # End and observables
 
     def progress(self, time):
-        """Return how far a run is at a time, in what `progress_name` names."""
+        """Return the progress of a run at a time, the quantity `progress_name`."""
         return time
 
-    def time_of(self, count):
-        """Return the time at which a count is reached; the inverse of `count`."""
-        return count
+    def time_of(self, progress):
+        """Return the time of a given `progress`."""
+        return progress
 
     @property
     def targets(self):
-        """Times to land on exactly, in increasing order; the last one ends the run."""
-        return [self.time_of(count) for count in self.parameters.snapshots]
+        """Times that steps end at exactly, in increasing order; the last one ends the run."""
+        return [self.time_of(progress) for progress in self.parameters.snapshots]
 
     def label(self, time):
-        """Return how far a run is at a time, in words."""
+        """Return the progress of a run at a time as text."""
         return f"time {time:.4g}"
 
     def observe(self, flow):
         """Return the `observables` of an accepted step, {name: number}. Collective.
 
-        ``flow`` is a `pgran.solve.driver.AcceptedStep`. It has ``time``, ``reaction(side)``, the force (2,)
-        on a side, ``torque(side)``, ``extent(side)``, the lengths (2,) of a side along x1 and x2,
-        and ``mean_velocity(side)``, (2,).
+        ``flow`` is a `pgran.solve.driver.AcceptedStep`. It has ``time``; ``reaction(side)``, the
+        force (2,) on a side; ``torque(side)``; ``extent(side)``, the lengths (2,) of a side along
+        x1 and x2; and ``mean_velocity(side)``, (2,).
         """
         return {}
 
 
 CASES = options.Component("case", __name__, Case)
-#: The parts of a problem, which bring their own options along.
+#: The components of a problem, each with its own options.
 KINDS = CASES, LAWS, MODELS
 
 
@@ -360,12 +359,12 @@ def _unpickled(values):
 copyreg.pickle(options.Parameters, _pickled)
 
 
-def read(given, stored=False):
+def read(texts, stored=False):
     """Return the resolved `pgran.options.Parameters` of a case with its law and model.
 
-    ``given`` and ``stored`` are those of `pgran.options.read`, which says what is raised.
+    See `pgran.options.read` for the arguments and the errors.
     """
-    return options.read(given, KINDS, stored)
+    return options.read(texts, KINDS, stored)
 
 
 def create(parameters):
@@ -374,41 +373,38 @@ def create(parameters):
     Raises
     ------
     ParameterError
-        If the parameters do not fit together, or a user's case has no valid `Case.shape`.
+        If the parameters are inconsistent, or a user-defined case has no valid `Case.shape`.
     """
     case = parameters.part("case")(parameters)
     name, shape = parameters.case, case.shape
     if not (len(shape) == 2 and all(isinstance(n, (int, np.integer)) and n > 0 for n in shape)):
-        raise ParameterError("case", name, f"its shape is {shape}; allowed are two integers > 0")
+        raise ParameterError("case", name, f"its shape is {shape}; must be two integers > 0")
     nodes = np.array([0, 2 * shape[0]]), np.array([0, 2 * shape[1]])
     if np.shape(case.coordinates(*nodes)) != (2, 2):
-        raise ParameterError("case", name, "its coordinates must be of shape (2, n) for n nodes")
+        raise ParameterError("case", name, "its coordinates must have the shape (2, n) for n nodes")
     return case
 
 
-def reached(counts, end):
-    """Return the counts (n,) at which fields are written: those before the ``end``, and it.
-
-    Counts that differ by rounding only are one.
-    """
+def reached(targets, end):
+    """Return the ``targets`` before the ``end``, without duplicates up to rounding, and it."""
     found = [end]
-    for count in sorted(counts or (), reverse=True):
-        if count < found[-1] * (1.0 - ROUNDING):
-            found.append(count)
+    for target in sorted(targets or (), reverse=True):
+        if target < found[-1] * (1.0 - ROUNDING):
+            found.append(target)
     return tuple(reversed(found))
 
 
 class PureShear(Case):
-    """What cases around homogeneous pure shear share: units, reference flow and imperfection.
+    """Homogeneous pure shear: units, reference flow and options of specimen and periodic cell.
 
-    The units are those of the specimen of section 4: stresses in |sigma_1|, P0 =
-    1/(1 - mu_loc(I0)), g0 = 1/mu_loc(I0), v = (x1/2, -x2/2), sqrt(d^2 rho_s) = I0 sqrt(P0).
+    The units are those of section 4: |sigma_1| for stresses, P0 = 1/(1 - mu_loc(I0)),
+    g0 = 1/mu_loc(I0), v = (x1/2, -x2/2), sqrt(d^2 rho_s) = I0 sqrt(P0).
     """
 
     stress_unit = "|sigma_1|"
     SIZE = (positive("width", 40.0, "d", "width L of the specimen or cell", shared=BOTH),
-            positive("height", None, "d", "height H of the specimen or cell; three widths unless "
-                     "given", shared=BOTH),
+            positive("height", None, "d", "height H of the specimen or cell; default: three widths",
+                     shared=BOTH),
             positive("lateral_stress", None, "Pa", "|sigma_1| in SI units, for the scales"))
 
     def __init__(self, parameters):
@@ -416,18 +412,18 @@ class PureShear(Case):
         if not self.stress_ratio < 1.0:
             raise ParameterError(
                 "inertial_number", f"{parameters.inertial_number:g}",
-                f"mu_loc(I0) is {self.stress_ratio:.4g}, and plane-strain compression needs it "
+                f"mu_loc(I0) is {self.stress_ratio:.4g}; plane-strain compression requires a value "
                 "below 1 (3.19)")
 
     @classmethod
-    def resolve(cls, parameters, given):
-        """Make the height three widths unless it is given."""
+    def resolve(cls, parameters, names):
+        """Set the default height."""
         if parameters.height is None:
             parameters.height = 3.0 * parameters.width
 
     @classmethod
     def homogeneous(cls, parameters):
-        """Return the parameters without the weak element."""
+        """Return the parameters without imperfection."""
         return parameters.replace(imperfection=1.0)
 
     @property

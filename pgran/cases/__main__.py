@@ -6,5 +6,5 @@ from ..options import markdown
 from . import KINDS
 
 if len(sys.argv) > 1:
-    sys.exit(f"pgran.cases: error: {sys.argv[1]}: allowed are no arguments")
+    sys.exit(f"pgran.cases: error: {sys.argv[1]}: no arguments are allowed")
 print(markdown(KINDS), end="")

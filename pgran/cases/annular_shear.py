@@ -1,25 +1,25 @@
-"""Shear in a whole ring between two cylinders.
+"""Shear in a ring between two cylinders.
 
     mpiexec -n 2 python -m pgran -options_file options/annular_shear.opts
 
-The inner wall turns at gdot0, counterclockwise, with the speed gdot0 R_i. The outer wall is at
-rest, and the pressure there is P_w. The grid is periodic around the ring: the index i counts
-clockwise, and j outward. One pressure at the outer wall is held at P_w, as the closed ring leaves
-its level open.
+The inner wall turns counterclockwise at gdot0, with the speed gdot0 R_i. The outer wall does not
+move, and its pressure is P_w. The grid is periodic around the ring: the index i counts clockwise,
+and j outward. The pressure is prescribed at one corner of the outer wall, because the equations
+determine it in a closed ring except for a constant.
 """
 
 import numpy as np
 
 from ..options import BOTH, ParameterError, positive
 from ..theory import profiles
-from . import _fixed
+from . import ROUNDING, _fixed
 
-#: The number of elements around the ring is a multiple of this, so that multigrid can halve them.
+#: The number of elements around the ring is a multiple of this, for multigrid.
 MULTIPLE = 8
 
 
 class AnnularShear(_fixed.FixedMesh):
-    """A ring between a cylinder that turns and one that rests."""
+    """A ring between a rotating and a fixed cylinder."""
 
     options = (
         positive("inertial_number", 0.01, "", "I0 = gdot0 d sqrt(rho_s/P_w), with the angular "
@@ -40,14 +40,14 @@ class AnnularShear(_fixed.FixedMesh):
                                  f"must exceed @inner_radius {inner:g}")
         side = parameters.element_size
         self._across = round((outer - inner) / side)
-        if self._across < 1 or abs(self._across * side - (outer - inner)) > 1e-9 * outer:
+        if self._across < 1 or abs(self._across * side - (outer - inner)) > ROUNDING * outer:
             raise ParameterError("element_size", f"{side:g}", "must divide the gap of "
                                  f"{outer - inner:g} between the walls")
         self._around = MULTIPLE * max(1, round(2.0 * np.pi * inner / (side * MULTIPLE)))
 
     @property
     def shape(self):
-        """Return the number of elements around the ring and across it."""
+        """Number of elements around the ring and across it."""
         return self._around, self._across
 
     def coordinates(self, i, j):
@@ -59,7 +59,7 @@ class AnnularShear(_fixed.FixedMesh):
 
     def prescribed_velocity(self, time, i, j):
         """Return the velocities (2, n) of both walls."""
-        values = np.full((2, i.size), np.nan)
+        values = super().prescribed_velocity(time, i, j)
         inner = self.on("bottom", i, j)
         x = self.coordinates(i, j)
         values[:, inner] = np.array([-x[1], x[0]])[:, inner]
@@ -82,10 +82,10 @@ class AnnularShear(_fixed.FixedMesh):
 
     def profile(self):
         """Return the steady profile over the radius; its constant is mu at the inner wall."""
-        p, material = self.parameters, self.material
-        return profiles.annular_shear(self.law, material.model.theory, p.A, p.inertial_number,
-                                      p.inner_radius, p.outer_radius, p.wall_fluidity,
-                                      material.bulk_density if p.inertia else 0.0)
+        p = self.parameters
+        return profiles.annular_shear(*self.rheology, p.inner_radius, p.outer_radius,
+                                      p.wall_fluidity,
+                                      self.material.bulk_density if p.inertia else 0.0)
 
     def along(self, x):
         """Return the radius (...) of points (2, ...), and the directions around and outward."""

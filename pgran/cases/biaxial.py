@@ -1,11 +1,10 @@
 """Plane-strain compression of a rectangular specimen (section 4, figure 3(a)).
 
-The bottom has v2 = 0, and its left corner also v1 = 0. The top moves down at
-v2 = D2 H exp(D2 t) and slides freely. The lateral faces carry the normal stress
-sigma_1 = -1, which follows the deformed normal. The fluidity has no flux through
-any face. The element to the upper right of the centre has a lower yield value. Options say how
-large this weak square is, whether it lies to the left instead, and whether the plates hold the
-specimen.
+The bottom has v2 = 0, and its left corner also v1 = 0. The top moves down at v2 = D2 H exp(D2 t)
+and slides freely. The lateral faces carry the normal stress sigma_1 = -1, which follows the
+deformed normal. The fluidity has no flux through any face. The imperfection, a square with a lower
+yield value, is the element to the upper right of the centre; options change its size and side.
+Another option makes the plates rough.
 """
 
 from functools import cached_property
@@ -16,52 +15,50 @@ from ..options import BOTH, Option, ParameterError, positive
 from ..theory import specimen
 from . import PureShear, pressure, reached
 
-_RESTART = ("restart",)
-
 
 class Biaxial(PureShear):
-    """The specimen between two plates; the run is counted by compression."""
+    """The specimen between two plates; the progress of a run is the compression."""
 
     options = (
         *PureShear.SIZE,
-        positive("element_size", 2.0, "d", "side of an element; it divides width and height",
-                 shared=_RESTART),
-        Option("imperfection", "float", 0.99, "", "yield value of the weak square over mu_s; 1 "
-               "leaves it out", low=0.0, open_low=True, high=1.0, shared=_RESTART),
-        positive("imperfection_size", None, "d", "side of the weak square, whose lower left corner "
-                 "is at the centre; one element unless given", shared=_RESTART),
-        Option("imperfection_mirrored", "bool", False, "", "put the weak square to the left of the "
-               "centre instead", shared=_RESTART),
-        Option("plates_slip", "bool", True, "", "let the specimen slip along the plates; otherwise "
-               "both plates carry it with the v1 of homogeneous flow", shared=BOTH),
-        Option("compression", "float", 0.10, "", "where the run ends, 1 - h/H", "h = H exp(D2 t)",
+        positive("element_size", 2.0, "d", "side of an element; must divide width and height",
+                 shared=("restart",)),
+        Option("imperfection", "float", 0.99, "", "yield value of the imperfection over mu_s; "
+               "1: no imperfection", low=0.0, open_low=True, high=1.0, shared=("restart",)),
+        positive("imperfection_size", None, "d", "side of the imperfection, a square whose lower "
+                 "left corner is at the centre; default: one element", shared=("restart",)),
+        Option("imperfection_mirrored", "bool", False, "", "place the imperfection to the left of "
+               "the centre", shared=("restart",)),
+        Option("plates_slip", "bool", True, "", "the specimen slips along the plates; otherwise "
+               "both plates prescribe the v1 of homogeneous flow", shared=BOTH),
+        Option("compression", "float", 0.10, "", "end of the run, 1 - h/H", "h = H exp(D2 t)",
                low=0.0, high=1.0, open_low=True, open_high=True, changeable=True),
-        Option("snapshots", "floats", None, "", "compressions at which the fields are written, "
-               "each reached exactly; those beyond the end are left out, and the end is always "
-               "written", low=0.0, high=1.0, open_low=True, open_high=True, changeable=True),
+        Option("snapshots", "floats", None, "", "exact compressions at which fields are written; "
+               "those after the end are ignored, and the end is always written", low=0.0,
+               high=1.0, open_low=True, open_high=True, changeable=True),
     )
     observables = {"compression": "", "top_stress": "stress"}
     progress_name = "compression"
 
     @classmethod
-    def resolve(cls, parameters, given):
-        """Fill in the height and the end, and refuse options of a weak square that is left out."""
-        super().resolve(parameters, given)
+    def resolve(cls, parameters, names):
+        """Set height and end, and refuse options of a missing imperfection."""
+        super().resolve(parameters, names)
         parameters.snapshots = reached(parameters.snapshots, parameters.compression)
         for name in ("imperfection_size", "imperfection_mirrored"):
-            if parameters.imperfection == 1.0 and name in given and getattr(parameters, name):
+            if parameters.imperfection == 1.0 and name in names and getattr(parameters, name):
                 raise ParameterError(name, getattr(parameters, name),
-                                     "there is no weak square with @imperfection 1")
+                                     "there is no imperfection with @imperfection 1")
 
     @classmethod
     def homogeneous(cls, parameters):
-        """Return the parameters without the weak square."""
+        """Return the parameters without imperfection."""
         return parameters.replace(imperfection=1.0, imperfection_size=None,
                                   imperfection_mirrored=False)
 
     @property
     def specimen(self):
-        """Law, shape, density and t0 of the specimen, if the plates let it slip."""
+        """Arguments of `pgran.theory.specimen.growth_rate`, or None for rough plates."""
         p, material = self.parameters, self.material
         if not p.plates_slip or material.model.theory not in specimen.MODELS:
             return None
@@ -72,22 +69,18 @@ class Biaxial(PureShear):
 
     @cached_property
     def shape(self):
-        """Return the number of elements along x1 and x2.
-
-        Raises `ParameterError` where they do not make up the specimen and the weak square.
-        """
+        """Number of elements along x1 and x2; `ParameterError` if the imperfection is too large."""
         shape = self.elements_along("width"), self.elements_along("height")
-        room = min(n - n // 2 for n in shape)
-        if self.parameters.imperfection != 1.0 and self.weak_elements > room:
+        maximum = min(n - n // 2 for n in shape)
+        if self.parameters.imperfection != 1.0 and self.weak_elements > maximum:
             raise ParameterError(
-                "imperfection_size", self.parameters.imperfection_size, "the weak square begins at "
-                "the centre and leaves the specimen; allowed is <= "
-                f"{room * self.parameters.element_size:g}")
+                "imperfection_size", self.parameters.imperfection_size, "the imperfection exceeds "
+                f"the specimen; must be a number <= {maximum * self.parameters.element_size:g}")
         return shape
 
     @cached_property
     def weak_elements(self):
-        """Return the number of elements along a side of the weak square."""
+        """Number of elements along a side of the imperfection."""
         return (1 if self.parameters.imperfection_size is None
                 else self.elements_along("imperfection_size"))
 
@@ -97,19 +90,19 @@ class Biaxial(PureShear):
         return np.array([i * half, j * half])
 
     def prescribed_velocity(self, time, i, j):
-        """Return the velocities (2, n) of plates and pinned corner; not numbers where free."""
-        values = np.full((2, i.size), np.nan)
+        """Return the velocities (2, n) of plates and pinned corner; NaN where free."""
+        values = super().prescribed_velocity(time, i, j)
         values[1, j == 0] = 0.0
         values[0, (i == 0) & (j == 0)] = 0.0
         if not self.parameters.plates_slip:
             ends = (j == 0) | (j == 2 * self.shape[1])
-            x1 = self.coordinates(i, j)[0, ends]  # of the material, before it moved
+            x1 = self.coordinates(i, j)[0, ends]  # initial coordinates of the material
             values[0, ends] = 0.5 * x1 * np.exp(0.5 * time)
         values[1, j == 2 * self.shape[1]] = -0.5 * self.parameters.height * np.exp(-0.5 * time)
         return values
 
     def nodes_outside(self, time, x, i, j):
-        """Return which nodes besides those of the plates lie on or beyond a plate, (n,) bool."""
+        """Return which nodes between the plates have reached a plate, (n,) bool, and the text."""
         top = self.parameters.height * (1.0 - self.progress(time))
         free = (j > 0) & (j < 2 * self.shape[1])
         return free & ((x[1] <= 0.0) | (x[1] >= top)), "a free face reaches a plate"
@@ -141,12 +134,12 @@ class Biaxial(PureShear):
         """Return the compression 1 - h/H, h = H exp(D2 t)."""
         return 1.0 - np.exp(-0.5 * time)
 
-    def time_of(self, count):
-        """Return the time at which a compression is reached."""
-        return -2.0 * np.log(1.0 - count)
+    def time_of(self, progress):
+        """Return the time of a compression."""
+        return -2.0 * np.log(1.0 - progress)
 
     def label(self, time):
-        """Return the compression in words."""
+        """Return the compression as text."""
         return f"{100 * self.progress(time):.4g} % compression"
 
     def observe(self, flow):

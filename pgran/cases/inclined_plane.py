@@ -1,10 +1,10 @@
-"""AcceptedStep down a rough inclined plane with a free surface.
+"""Flow down a rough inclined plane with a free surface.
 
     mpiexec -n 2 python -m pgran -options_file options/inclined_plane.opts
 
-The layer 0 <= x2 <= H is periodic along x1, which points downhill. The base holds the material, and
-nothing acts on the surface. Stresses are in phi rho_s G d, and the unit of time is
-d sqrt(rho_s/(phi rho_s G d)). The pressure goes to zero at the surface; no floor is put under it.
+The layer 0 <= x2 <= H is periodic along x1, which points downhill. The base does not allow slip,
+and the surface is free of stress. Stresses are in phi rho_s G d, and the unit of time is
+d sqrt(rho_s/(phi rho_s G d)). The pressure vanishes at the surface; it is not limited from below.
 """
 
 import numpy as np
@@ -15,13 +15,13 @@ from . import _fixed
 
 
 class InclinedPlane(_fixed.Layer):
-    """A layer that its weight drives down a slope."""
+    """A layer that flows down a slope under its weight."""
 
     options = (
         _fixed.GRAINS_RATE,
         _fixed.size("width", 4.0, "length of the periodic layer"),
         _fixed.size("height", 20.0, "height H of the layer"),
-        Option("slope", "float", 25.0, "degrees", "angle of the plane with the horizontal",
+        Option("slope", "float", 25.0, "degrees", "angle between the plane and the horizontal",
                low=0.0, high=90.0, open_high=True, shared=("restart",)),
         *_fixed.options(wall_fluidity="zero"))
     stress_unit = "phi rho_s G d"
@@ -37,30 +37,29 @@ class InclinedPlane(_fixed.Layer):
 
     @property
     def why_at_rest(self):
-        """Why nothing flows, in words, or None."""
-        p, limit = self.parameters, self.law.yield_ratio
-        if np.tan(self._angle) <= limit:
-            return (f"the slope of {p.slope:g} degrees bears mu = {np.tan(self._angle):.4g}, which "
-                    f"does not exceed the yield value {limit:.4g}: the material rests")
-        if self.material.model.theory == "ngf_primitive" and p.wall_fluidity == "zero":
+        """Why nothing flows, or None."""
+        p = self.parameters
+        static = self.static(f"the slope of {p.slope:g} degrees", np.tan(self._angle))
+        if static is None and self.material.model.theory == "ngf_primitive" \
+                and p.wall_fluidity == "zero":
             least = profiles.stopping_height(self.law, p.A, p.slope)
             if p.height <= least:
                 return (f"the height of {p.height:g} d does not exceed H_stop = (pi/2) xi = "
                         f"{least:.4g} d: the material comes to rest")
-        return None
+        return static
 
     @property
     def pressure(self):
-        """The pressure at the base, phi rho_s G d."""
+        """Pressure at the base, phi rho_s G d."""
         return float(self.parameters.height * np.cos(self._angle))
 
     @property
     def weight(self):
-        """The weight per volume (2,), (sin, -cos) of the slope."""
+        """Weight per volume (2,), (sin, -cos) of the slope."""
         return np.sin(self._angle), -np.cos(self._angle)
 
     def reference(self, x):
-        """Return the flow of uniform fluidity, v1' = g tan(slope), and the weight's pressure."""
+        """Return the flow of uniform fluidity, v1' = g tan(slope), with hydrostatic pressure."""
         _, fluidity, _ = super().reference(x)
         speed = self.fluidity * np.tan(self._angle) * x[1]
         return (np.array([speed, 0.0 * speed]), fluidity,
@@ -69,8 +68,7 @@ class InclinedPlane(_fixed.Layer):
     def profile(self):
         """Return the steady profile over the height above the base."""
         p = self.parameters
-        return profiles.inclined_plane(self.law, self.material.model.theory, p.A,
-                                       p.inertial_number, p.height, p.slope, p.wall_fluidity)
+        return profiles.inclined_plane(*self.rheology, p.height, p.slope, p.wall_fluidity)
 
     def observe(self, flow):
         """Return the shear stress of the base, phi rho_s G d, and the mean speed of the surface."""

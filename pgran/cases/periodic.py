@@ -1,11 +1,10 @@
-"""A periodic cell around homogeneous pure shear (3.20).
+"""A periodic cell of homogeneous pure shear (3.20).
 
-The unknown velocity is the departure from v = (x1/2, -x2/2). Velocity, pressure and fluidity are
-periodic over width and height, with ``cell_elements`` elements each way. The pressure of one
-corner is held at P0, which fixes the level that a closed incompressible cell leaves open. Without
-inertia the velocity of one node is held as well. Inertia is that of the paper's section 3,
-phi rho_s dv'/dt for the departure v': the convective L0 v' is left out, which is A^2 phi
-I0^2/mu_loc of it.
+The unknown velocity is the deviation v' from v = (x1/2, -x2/2). Velocity, pressure and fluidity are
+periodic over width and height, with ``cell_elements`` elements in each direction. One corner has
+the pressure P0, because the equations determine the pressure except for a constant. Without
+inertia the velocity of one node is prescribed for the same reason. Inertia is phi rho_s dv'/dt as
+in section 3; the convective term L0 v' is smaller by A^2 phi I0^2/mu_loc and neglected.
 """
 
 import numpy as np
@@ -15,32 +14,32 @@ from . import PureShear
 
 
 class Periodic(PureShear):
-    """A cell of homogeneous material without boundary."""
+    """A cell of homogeneous material without boundaries."""
 
     options = (
         *PureShear.SIZE,
-        Option("cell_elements", "int", 16, "", "elements each way", low=2),
-        Option("imperfection", "float", 0.99, "", "yield value of the central element over mu_s; 1 "
-               "leaves it out", low=0.0, open_low=True, high=1.0),
+        Option("cell_elements", "int", 16, "", "elements in each direction", low=2),
+        Option("imperfection", "float", 0.99, "", "yield value of the central element over mu_s; "
+               "1: no imperfection", low=0.0, open_low=True, high=1.0),
     )
     periodic = True, True
     base_gradient = np.array([[0.5, 0.0], [0.0, -0.5]])
 
     @classmethod
-    def resolve(cls, parameters, given):
-        """Fill in the height, and the end among the snapshots."""
-        super().resolve(parameters, given)
-        super(PureShear, cls).resolve(parameters, given)
+    def resolve(cls, parameters, names):
+        """Set the default height, and the end as the last snapshot."""
+        super().resolve(parameters, names)
+        super(PureShear, cls).resolve(parameters, names)
 
     @classmethod
     def with_wave(cls, parameters, k):
-        """Return the parameters of a cell of one wavelength of ``k`` (2,), 1/d, each way."""
+        """Return the parameters of a cell of one wavelength of ``k`` (2,), 1/d, per direction."""
         width, height = 2.0 * np.pi / np.abs(k)
         return parameters.replace(width=float(width), height=float(height))
 
     @property
     def shape(self):
-        """Return the number of elements along x1 and x2."""
+        """Number of elements along x1 and x2."""
         return (self.parameters.cell_elements,) * 2
 
     def coordinates(self, i, j):
@@ -50,8 +49,8 @@ class Periodic(PureShear):
         return np.array([i * p.width / (2 * nx), j * p.height / (2 * ny)])
 
     def prescribed_velocity(self, time, i, j):
-        """Return zero at one node without inertia; not numbers where free."""
-        values = np.full((2, i.size), np.nan)
+        """Return zero at one node without inertia; NaN where free."""
+        values = super().prescribed_velocity(time, i, j)
         if not self.parameters.inertia:
             nx, ny = self.shape
             values[:, (i % (2 * nx) == 0) & (j % (2 * ny) == 0)] = 0.0

@@ -2,8 +2,8 @@
 
     mpiexec -n 2 python -m pgran -options_file options/planar_shear.opts
 
-The layer 0 <= x2 <= H is periodic along x1. The bottom plate rests. The top plate moves along x1
-with the speed V = gdot0 H and presses with P_w. Stresses are in P_w, and the weight of the
+The layer 0 <= x2 <= H is periodic along x1. The bottom plate does not move. The top plate moves
+along x1 with the speed V = gdot0 H and the pressure P_w. Stresses are in P_w, and the weight of the
 material is `-pgran_gravity` P_w/d.
 """
 
@@ -15,7 +15,7 @@ from . import _fixed, pressure
 
 
 class PlanarShear(_fixed.Layer):
-    """A layer under a plate that shears it and presses on it."""
+    """A layer under a plate that shears and compresses it."""
 
     options = (
         positive("inertial_number", 0.01, "", "I0 = gdot0 d sqrt(rho_s/P_w), with gdot0 = V/H",
@@ -34,33 +34,26 @@ class PlanarShear(_fixed.Layer):
         values[0, self.on("top", i, j)] = self.parameters.height
         return values
 
-    @property
-    def weight(self):
-        """The weight per volume (2,), P_w/d."""
-        return 0.0, -self.parameters.gravity
-
     def tractions(self, time):
         """Return the pressure of the top plate."""
         return {"top": pressure(1.0)}
 
     def reference(self, x):
-        """Return the flow of uniform fluidity: v1' = g tau/P under the weight above."""
+        """Return the flow of uniform fluidity: v1' = g tau/P with the hydrostatic pressure P."""
         p = self.parameters
-        pressure = 1.0 + p.gravity * (p.height - x[1])
-        if p.gravity == 0.0:
-            speed, slope = x[1], 1.0
-        else:
-            whole = np.log1p(p.gravity * p.height)
-            speed = p.height * (1.0 - np.log(pressure) / whole)
-            slope = p.height * p.gravity / whole
-        fluidity = np.full(x.shape[1], slope / self.stress_ratio)
-        return np.array([speed, 0.0 * speed]), fluidity, pressure
+        P = 1.0 + p.gravity * (p.height - x[1])
+        speed, rate = x[1], 1.0
+        if p.gravity:
+            total = np.log1p(p.gravity * p.height)
+            speed = p.height * (1.0 - np.log(P) / total)
+            rate = p.height * p.gravity / total
+        fluidity = np.full(x.shape[1], rate / self.stress_ratio)
+        return np.array([speed, 0.0 * speed]), fluidity, P
 
     def profile(self):
         """Return the steady profile over the height; its constant is the shear stress."""
         p = self.parameters
-        return profiles.planar_shear(self.law, self.material.model.theory, p.A, p.inertial_number,
-                                     p.height, p.gravity, p.wall_fluidity)
+        return profiles.planar_shear(*self.rheology, p.height, p.gravity, p.wall_fluidity)
 
     def observe(self, flow):
         """Return the mean shear stress on the top plate, P_w."""

@@ -1,9 +1,9 @@
-"""AcceptedStep between two vertical walls under gravity.
+"""Flow between two vertical walls under gravity.
 
     mpiexec -n 2 python -m pgran -options_file options/vertical_chute.opts
 
-The walls x1 = 0 and x1 = W hold the material along x2. The left one stands still, and the right
-one presses with P_w. The chute is periodic along x2, and the weight of the material,
+The walls x1 = 0 and x1 = W prevent motion along x2. The left wall is fixed, and the pressure of the
+right wall is P_w. The chute is periodic along x2, and the weight of the material,
 `-pgran_gravity` P_w/d, points along -x2. The unit of time is d sqrt(rho_s/P_w).
 """
 
@@ -18,10 +18,10 @@ class VerticalChute(_fixed.FixedMesh):
 
     options = (
         _fixed.GRAINS_RATE,
-        _fixed.size("width", 20.0, "distance W of the walls"),
+        _fixed.size("width", 20.0, "distance W between the walls"),
         _fixed.size("height", 4.0, "length of the periodic chute"),
-        _fixed.gravity(0.05, "weight of the material, phi rho_s G d/P_w; the walls bear mu = "
-                       "gravity W/2"),
+        _fixed.gravity(0.05, "weight of the material, phi rho_s G d/P_w; the stress ratio at the "
+                       "walls is mu = gravity W/2"),
         *_fixed.options())
     periodic = False, True
     stress_unit = "P_w"
@@ -35,22 +35,13 @@ class VerticalChute(_fixed.FixedMesh):
 
     @property
     def wall_ratio(self):
-        """The stress ratio at the walls, gravity W/2."""
+        """Stress ratio at the walls, gravity W/2."""
         return 0.5 * self.parameters.gravity * self.parameters.width
 
     @property
     def why_at_rest(self):
-        """Why nothing flows, in words, or None."""
-        limit = self.law.yield_ratio
-        if self.wall_ratio > limit:
-            return None
-        return (f"the walls bear mu = gravity W/2 = {self.wall_ratio:.4g}, which does not exceed "
-                f"the yield value {limit:.4g}: the material rests")
-
-    @property
-    def shape(self):
-        """Return the number of elements along x1 and x2."""
-        return self.elements_along("width"), self.elements_along("height")
+        """Why nothing flows, or None."""
+        return self.static("the wall, gravity W/2,", self.wall_ratio)
 
     def coordinates(self, i, j):
         """Return the coordinates (2, n) of nodes, d."""
@@ -59,15 +50,10 @@ class VerticalChute(_fixed.FixedMesh):
 
     def prescribed_velocity(self, time, i, j):
         """Return the velocities (2, n) of the walls; the right one is free along x1."""
-        values = np.full((2, i.size), np.nan)
+        values = super().prescribed_velocity(time, i, j)
         values[:, self.on("left", i, j)] = 0.0
         values[1, self.on("right", i, j)] = 0.0
         return values
-
-    @property
-    def weight(self):
-        """The weight per volume (2,), P_w/d."""
-        return 0.0, -self.parameters.gravity
 
     def tractions(self, time):
         """Return the pressure of the right wall."""
@@ -83,8 +69,7 @@ class VerticalChute(_fixed.FixedMesh):
     def profile(self):
         """Return the steady profile over x1; its velocity points down."""
         p = self.parameters
-        return profiles.vertical_chute(self.law, self.material.model.theory, p.A,
-                                       p.inertial_number, p.width, p.gravity, p.wall_fluidity)
+        return profiles.vertical_chute(*self.rheology, p.width, p.gravity, p.wall_fluidity)
 
     def along(self, x):
         """Return x1 (...) of points (2, ...), and the directions of -x2 and x1."""
@@ -92,6 +77,6 @@ class VerticalChute(_fixed.FixedMesh):
         return x[0], np.array([zero, -one]), np.array([one, zero])
 
     def observe(self, flow):
-        """Return the mean shear stress of the walls, P_w, and the mean speed of falling."""
+        """Return the mean shear stress of the walls, P_w, and the mean downward speed."""
         up = sum(flow.reaction(side)[1] for side in self.walls) / (2.0 * self.parameters.height)
         return {"shear_stress": up, "mean_speed": -flow.mean_velocity()[1]}

@@ -1,4 +1,4 @@
-"""What the material answers at a point: laws, models and elasticity; numpy only."""
+"""Constitutive response at a point: laws, models and elasticity; numpy only."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class Material:
     law : pgran.material.laws.Law
     model : pgran.material.models.Model
     inertial_time : float
-        sqrt(d^2 rho_s), in sqrt(stress)/gdot0: the grains' inertial time at unit pressure.
+        sqrt(d^2 rho_s) in sqrt(stress)/gdot0, the inertial time of the grains at unit pressure.
     pressure : float
         Pressure of the reference flow, stress.
     stress_ratio : float
@@ -42,7 +42,7 @@ class Material:
 
     @property
     def yield_stress(self):
-        """mu_s P0, stress; a law without yield value has mu_loc of the reference flow for mu_s."""
+        """mu_s P0, stress; mu_loc of the reference flow replaces mu_s without yield value."""
         return (self.law.yield_ratio or self.stress_ratio) * self.pressure
 
     @property
@@ -51,7 +51,7 @@ class Material:
         return self.yield_stress / self.G
 
     def elastic_compliance(self, dt):
-        """Return theta = 1/(G dt), gdot0/stress; 0, rigid, for a step of no length."""
+        """Return theta = 1/(G dt), gdot0/stress; 0 (rigid) for dt = 0."""
         return 1.0 / (self.G * dt) if dt > 0.0 else 0.0
 
     def inverse_time(self, P):
@@ -60,5 +60,5 @@ class Material:
 
     @property
     def bulk_density(self):
-        """Phi rho_s, stress/(d gdot0)^2."""
+        """Bulk density phi rho_s, stress/(d gdot0)^2."""
         return self.phi * self.inertial_time**2

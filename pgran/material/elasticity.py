@@ -1,62 +1,44 @@
-"""The stiff Maxwell element in time, and strain: tensors as components 11, 22, 12; numpy only."""
+"""Time integration of the stiff Maxwell element, and strain measures; numpy only.
+
+Symmetric plane tensors are arrays (3, ...) of the components 11, 22 and 12.
+"""
 
 import numpy as np
 
-#: Components of a plane symmetric tensor: 11, 22 and 12.
+#: Number of components of a plane symmetric tensor.
 COMPONENTS = 3
 
 
 def rotate(stress, angle):
-    """Return a stress deviator turned counterclockwise.
-
-    Parameters
-    ----------
-    stress : ndarray, (3, ...)
-        Components 11, 22 and 12.
-    angle : ndarray, (...) or float
-        Angle in rad.
-    """
+    """Return a stress deviator (3, ...), rotated counterclockwise by an angle (...) in rad."""
     mean, half = (stress[0] + stress[1]) / 2.0, (stress[0] - stress[1]) / 2.0
     cos, sin = np.cos(2.0 * angle), np.sin(2.0 * angle)
-    turned = half * cos - stress[2] * sin
-    return np.array([mean + turned, mean - turned, half * sin + stress[2] * cos])
+    rotated = half * cos - stress[2] * sin
+    return np.array([mean + rotated, mean - rotated, half * sin + stress[2] * cos])
 
 
-def stress_rate(dt, stress, earlier_dt=None, earlier=None):
+def stress_rate(dt, stress, previous_dt=None, previous=None):
     """Return the factor f and the stress S of d(sigma')/dt = f (sigma' - S)/dt.
 
-    It is that of BDF2 over the last two steps, or of backward Euler in the first one.
+    The scheme is BDF2 with variable steps, and backward Euler in the first step.
 
-    Parameters
-    ----------
-    dt, earlier_dt : float
-        Size of the step and of the one before it (None in the first step), 1/gdot0.
-    stress, earlier : ndarray, (3, ...)
-        Deviators one and two steps ago, both turned to where the material is now.
+    ``dt`` and ``previous_dt`` are the sizes of this step and the previous one (None in the first
+    step), 1/gdot0. ``stress`` and ``previous`` are the deviators (3, ...) one and two steps ago,
+    rotated with the material.
     """
-    if earlier_dt is None:
+    if previous_dt is None:
         return 1.0, stress
-    ratio = dt / earlier_dt
+    ratio = dt / previous_dt
     factor = (1.0 + 2.0 * ratio) / (1.0 + ratio)
-    return factor, ((1.0 + ratio) * stress - ratio**2 / (1.0 + ratio) * earlier) / factor
+    return factor, ((1.0 + ratio) * stress - ratio**2 / (1.0 + ratio) * previous) / factor
 
 
 def strain_fields(velocity_gradient, deformation_gradient=None):
     """Return strain rate, spin, strain and volume change, {name: ndarray}.
 
-    Parameters
-    ----------
-    velocity_gradient : ndarray, (2, 2, ...)
-        L_ij = d v_i/d x_j, gdot0.
-    deformation_gradient : ndarray, (2, 2, ...), optional
-        F_ij = d x_i/d X_j since the start, of a positive determinant.
-
-    Returns
-    -------
-    dict
-        ``strain_rate_tensor`` (3, ...), sym L with the components 11, 22 and 12, gdot0; ``spin``
-        (...), (L21 - L12)/2, gdot0. With F also ``strain_tensor`` (3, ...), `logarithmic_strain`,
-        and ``volume_change`` (...), det F - 1.
+    From L_ij = d v_i/d x_j (2, 2, ...), gdot0: ``strain_rate_tensor`` (3, ...), sym L, and ``spin``
+    (...), (L21 - L12)/2. From F_ij = d x_i/d X_j (2, 2, ...) since the start, if given:
+    ``strain_tensor`` (3, ...), see `logarithmic_strain`, and ``volume_change`` (...), det F - 1.
     """
     (l11, l12), (l21, l22) = velocity_gradient
     found = {"strain_rate_tensor": np.array([l11, l22, (l12 + l21) / 2.0]),
@@ -69,21 +51,16 @@ def strain_fields(velocity_gradient, deformation_gradient=None):
 
 
 def logarithmic_strain(gradient):
-    """Return ln V of a deformation gradient F = V R, Hencky's strain, (3, ...): 11, 22, 12.
+    """Return Hencky's strain ln V (3, ...) of a deformation gradient F = V R, (2, 2, ...).
 
-    With b = F F^T, its mean m = tr b/2 and the half difference r of its principal values,
-    ln V = ln(m^2 - r^2)/4 1 + atanh(r/m)/(2 r) (b - m 1).
-
-    Parameters
-    ----------
-    gradient : ndarray, (2, 2, ...)
-        F, of a positive determinant.
+    With b = F F^T, m = tr b/2 and half the difference r of the principal values of b,
+    ln V = ln(m^2 - r^2)/4 1 + atanh(r/m)/(2 r) (b - m 1). det F must be positive.
     """
     (f11, f12), (f21, f22) = gradient
     b11, b22, b12 = f11**2 + f12**2, f21**2 + f22**2, f11 * f21 + f12 * f22
     mean, half = (b11 + b22) / 2.0, (b11 - b22) / 2.0
-    share = np.hypot(half, b12) / mean
-    some = np.where(share > 0.0, share, 0.5)
-    slope = np.where(share > 0.0, np.arctanh(some) / some, 1.0) / (2.0 * mean)
+    ratio = np.hypot(half, b12) / mean
+    safe = np.where(ratio > 0.0, ratio, 0.5)
+    slope = np.where(ratio > 0.0, np.arctanh(safe) / safe, 1.0) / (2.0 * mean)
     volume = np.log(f11 * f22 - f12 * f21) / 2.0
     return np.array([volume + slope * half, volume - slope * half, slope * b12])

@@ -1,14 +1,13 @@
 """Growth rates of the homogeneous specimen between slipping plates, by an analytical solution.
 
-The specimen is L wide and H high. It flows with v = (x1/2, -x2/2), its mesh moves with the
-material, its lateral faces carry the normal stress sigma_1 and let no fluidity through, and its
-plates let it slip. A disturbance of it separates: with k = n pi/H
+The specimen is L wide and H high. It flows with v = (x1/2, -x2/2), and its mesh moves with the
+material. The lateral faces carry the normal stress sigma_1 and have no flux of fluidity, and the
+plates are free of friction. Disturbances separate: with k = n pi/H
 
     v1, P, g ~ cos(k x2),     v2, sigma_12 ~ sin(k x2)
 
-satisfies every condition at the plates. Across x1 a linear system with constant coefficients
-remains, in which D is the disturbance of the strain rate, w = (v1,2 - v2,1)/2, eta0 = mu P0 and
-tau = mu P:
+satisfies every condition at the plates. A linear system with constant coefficients remains across
+x1. Let D be the disturbance of the strain rate, w = (v1,2 - v2,1)/2, eta0 = mu P0 and tau = mu P:
 
     v1,1 + v2,2 = 0                                                                     (2.9)
     sigma_11,1 + sigma_12,2 = phi rho_s (r + 1/2) v1                                    (2.2)
@@ -18,16 +17,16 @@ tau = mu P:
     A^2 d^2 lap g' = (A^2 d^2/xi^2) (g' - g_loc'),      g_loc = s I_loc(mu)/mu          (2.5)
 
 G is the modulus of the Maxwell element, and 2 eta0 w is the Jaumann rate of the stress of the
-base flow. LI has g' = g_loc' instead of the last equation, and the primitive form of NGF adds
-t0 r g' to its right-hand side. A face that is displaced by zeta turns its load with it:
+base flow. LI replaces the last equation by g' = g_loc'. Dynamic NGF adds t0 r g' to the right-hand
+side of the last equation. The load rotates with a face that is displaced by zeta:
 
     sigma_11 = 0,    g',1 = 0,    sigma_12 = -2 mu P0 zeta,2,    r zeta = zeta/2 + v1
 
-The base flow stretches the displacement at the rate 1/2. Both faces are displaced the same way
-('sway', v1 even in x1) or opposite ways ('barrel', v1 odd). The rate r is that at which the
-amplitude of the wave grows at points of the material, while the material shortens the wave. The
-specimen is free to move along the plates. A solver that holds a corner does not change r without
-inertia; with inertia the held corner couples the waves and changes r.
+The base flow stretches the displacement at the rate 1/2. Both faces are displaced in the same
+direction ('sway', v1 even in x1) or in opposite directions ('barrel', v1 odd). r is the growth
+rate of the amplitude at material points, while the material shortens the wave. The specimen may
+move along the plates. If a solver holds a corner, r is the same without inertia; with inertia the
+corner couples the waves and changes r.
 
 The solutions are exponentials exp(+-sqrt(q) x1). With lengths in 1/k and m = 1/(1 + r eta0/G),
 the amplitudes (v1,1, P', eta0 g') are (2 q, N, F/(m mu)) with
@@ -35,16 +34,15 @@ the amplitudes (v1,1, P', eta0 g') are (2 q, N, F/(m mu)) with
     W = m eta0 [(1 + eta0/G) q + 1 - eta0/G],       R+- = phi rho_s (r +- 1/2)
     N = (q - 1) W - R- q - R+,                      F = 2 q (2 m eta0 - W + R-) + (1 + m mu) N
 
-where q are the three roots, for LI two, of
+where q are the three roots (two for LI) of
 
     (1 + m beta) F - m mu (1/2 - m beta r eta0/G) N - 4 m^2 beta eta0 q
         - [A^2 d^2 (q - 1) - t0 r] F/(A^2 d^2/xi^2) = 0,    beta = mu/(I0 mu_loc'(I0)) - 1
 
-and sigma_11 = 2 (W + R+), sigma_12 = -2 sqrt(q) W. The conditions at one face fix the weights of
-the roots.
+and sigma_11 = 2 (W + R+), sigma_12 = -2 sqrt(q) W. The conditions at one face determine the
+weights of the roots.
 
-`column_growth_rate` is the formula that explains: the long-wave limit for a creeping column.
-Units: d, |sigma_1| and 1/gdot0.
+`column_growth_rate` is the long-wave limit, a creeping column. Units: d, |sigma_1| and 1/gdot0.
 """
 
 from dataclasses import dataclass
@@ -53,33 +51,28 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 from scipy.linalg import expm
 
+from . import check_relaxation_time, inverse_length_squared
+
 MODELS = "ngf", "ngf_primitive", "li"
-#: Both faces displaced the same way, or opposite ways.
+#: Both faces are displaced in the same direction, or in opposite directions.
 PARITIES = "sway", "barrel"
-#: Roots whose exponentials differ over half a width by less than this exponent share a block.
+#: Roots whose exponents over half a width differ by less than this form a block.
 CLOSE = 1.0
-#: The secant method ends when the growth rate changes by less than the first, relatively, or by
-#: less than the second and no less than in the step before.
+#: The secant method ends when the relative change of the growth rate is below the first value, or
+#: below the second one and not smaller than the previous change.
 TOLERANCE, ROUNDING = 1e-12, 1e-8
-#: How far the secant method may take a growth rate from the collocated one, relatively.
+#: Largest relative difference between the growth rates of secant method and collocation.
 TRUST = 0.01
 
 
-def growth_rate(law, model, *, inertial_number, width, height, half_waves=1, parity="sway",
-                amplitude=0.48, density=0.0, shear_modulus=None, relaxation_time=None):
-    """Return the growth rate of one sine wave along the specimen.
+@dataclass(frozen=True)
+class Specimen:
+    """A specimen and a wave, the arguments of `growth_rate`, `mode` and `column_growth_rate`.
 
-    Rigid-viscous quasi-static flow has one growth rate for each wave and parity. Inertia,
-    elasticity and t0 add others; this is the one with the largest real part. Chebyshev collocation
-    finds it among all of them and the exact solution corrects it. Without inertia, elastic stress
-    also relaxes in ever shorter waves, at rates that accumulate at -(1 - mu) G/(mu P0); these do
-    not count.
-
-    Parameters
+    Attributes
     ----------
-    law : object
-        It has ``stress_ratio(I)``, which returns mu_loc and its derivative, and, for both forms
-        of NGF, ``inverse_length_squared(mu)``, which returns A^2 d^2/xi^2 and its derivative.
+    law : pgran.material.laws.Law
+        It provides `stress_ratio` and, for both forms of NGF, ``inverse_length_squared``.
     model : str
         One of `MODELS`.
     inertial_number : float
@@ -89,15 +82,93 @@ def growth_rate(law, model, *, inertial_number, width, height, half_waves=1, par
     half_waves : int
         Number n of half waves over the height: k = n pi/H.
     parity : str
-        sway or barrel.
+        One of `PARITIES`.
     amplitude : float
         Non-local amplitude A.
     density : float
-        phi rho_s = phi I0^2 P0, |sigma_1|/(d gdot0)^2; 0 is quasi-static flow.
+        phi rho_s = phi I0^2 P0, |sigma_1|/(d gdot0)^2; 0 for quasi-static flow.
     shear_modulus : float or None
-        G, |sigma_1|; None or infinity is rigid.
+        G, |sigma_1|; None or infinity for a rigid-viscous material.
     relaxation_time : float or None
-        t0 of ngf_primitive, 1/gdot0; None for the other models.
+        t0 of ngf_primitive, 1/gdot0; None for other models.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of bounds.
+    """
+
+    law: object
+    model: str
+    inertial_number: float
+    width: float
+    height: float
+    half_waves: int = 1
+    parity: str = "sway"
+    amplitude: float = 0.48
+    density: float = 0.0
+    shear_modulus: object = None
+    relaxation_time: object = None
+
+    def __post_init__(self):
+        for name, choices in (("model", MODELS), ("parity", PARITIES)):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name} {getattr(self, name)}: expected one of: "
+                                 f"{', '.join(choices)}")
+        for name in ("inertial_number", "width", "height", "amplitude"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} {getattr(self, name)}: must be a number > 0")
+        if self.half_waves < 1 or self.half_waves != int(self.half_waves):
+            raise ValueError(f"half_waves {self.half_waves}: must be an integer >= 1")
+        if not 0.0 <= self.density < np.inf:
+            raise ValueError(f"density {self.density}: must be a number >= 0")
+        check_relaxation_time(self.model, self.relaxation_time)
+        where = f"inertial_number {self.inertial_number}"
+        if not 0.0 < self.mu < 1.0:
+            raise ValueError(f"{where}: mu_loc(I0) is {self.mu:.4g}; plane-strain compression "
+                             "requires a value between 0 and 1 (3.19)")
+        if not 0.0 < self.slope < np.inf:
+            raise ValueError(f"{where}: mu_loc'(I0) is {self.slope:.4g}; the theory requires a "
+                             "number > 0")
+        if self.shear_modulus is not None and not self.shear_modulus > self.viscosity:
+            # With the Jaumann rate, elastic waves along x2 then have no real speed.
+            raise ValueError(f"shear_modulus {self.shear_modulus}: must be a number > mu P0 = "
+                             f"{self.viscosity:.4g}, or None")
+
+    @property
+    def mu(self):
+        """mu_loc(I0)."""
+        return float(self.law.stress_ratio(np.asarray(float(self.inertial_number)))[0])
+
+    @property
+    def slope(self):
+        """mu_loc'(I0)."""
+        return float(self.law.stress_ratio(np.asarray(float(self.inertial_number)))[1])
+
+    @property
+    def viscosity(self):
+        """eta0 = mu P0, |sigma_1|/gdot0."""
+        return self.mu / (1.0 - self.mu)
+
+    @property
+    def wave_number(self):
+        """The wave number k = n pi/H, 1/d."""
+        return self.half_waves * np.pi / self.height
+
+
+def growth_rate(law, model, **specimen):
+    """Return the growth rate of one sine wave along the specimen.
+
+    Rigid-viscous quasi-static flow has one growth rate per wave and parity. Inertia, elasticity
+    and t0 add more; the result is the one with the largest real part. Chebyshev collocation finds
+    all of them, and the exact solution corrects the largest one. Without inertia, elastic stress
+    also relaxes in arbitrarily short waves, at rates that accumulate at -(1 - mu) G/(mu P0); these
+    rates are ignored.
+
+    Parameters
+    ----------
+    law, model, **specimen
+        Attributes of `Specimen`.
 
     Returns
     -------
@@ -107,12 +178,11 @@ def growth_rate(law, model, *, inertial_number, width, height, half_waves=1, par
     Raises
     ------
     ValueError
-        If an argument is out of bounds, or the specimen buckles elastically, at once.
+        If an argument is out of bounds, or the specimen buckles elastically.
     RuntimeError
-        If the exact solution does not confirm the collocated growth rate.
+        If the exact solution does not confirm the growth rate of the collocation.
     """
-    return _Across.of(law, model, inertial_number, width, height, half_waves, parity, amplitude,
-                      density, shear_modulus, relaxation_time).growth_rate()
+    return _Across(Specimen(law, model, **specimen)).growth_rate()
 
 
 @dataclass(frozen=True)
@@ -123,10 +193,10 @@ class Mode:
     ----------
     growth_rate : float or complex
         r, gdot0.
-    velocity : ndarray, shape (2, ...)
-        Factors of cos(k x2) in v1 and of sin(k x2) in v2, d gdot0.
-    pressure, fluidity : ndarray, shape (...)
-        Factors of cos(k x2) in P', |sigma_1|, and in g', gdot0.
+    velocity : ndarray, (2, ...)
+        Factors of cos(k x2) in v1 and of sin(k x2) in v2, d gdot0, at fixed points.
+    pressure, fluidity : ndarray, (...)
+        Factors of cos(k x2) in P', |sigma_1|, and in g', gdot0, at fixed points.
     """
 
     growth_rate: object
@@ -136,171 +206,82 @@ class Mode:
 
 
 def mode(x1, law, model, **specimen):
-    """Return the `Mode` that has the growth rate of `growth_rate`.
+    """Return the `Mode` with the growth rate of `growth_rate`, which states the errors.
 
     Parameters
     ----------
     x1 : ndarray
         Distances from the middle of the specimen, between -L/2 and L/2, d.
     law, model, **specimen
-        As for `growth_rate`, which also tells what is raised.
+        Attributes of `Specimen`.
 
-    Returns
-    -------
-    Mode
-        Disturbances at fixed places. The arrays have the shape of ``x1`` and are complex if the
-        growth rate is.
     """
-    arguments = {"half_waves": 1, "parity": "sway", "amplitude": 0.48, "density": 0.0,
-                 "shear_modulus": None, "relaxation_time": None, **specimen}
-    across = _Across.of(law, model, **arguments)
-    x1 = np.asarray(x1, dtype=float)
-    if not (np.abs(x1) <= across.half * across.length * (1.0 + 1e-12)).all():
-        raise ValueError("x1: allowed are numbers between -L/2 and L/2")
+    across = _Across(Specimen(law, model, **specimen))
+    x1, k = np.asarray(x1, dtype=float), across.k
+    if not (np.abs(x1) * k <= across.half * (1.0 + 1e-12)).all():
+        raise ValueError("x1: must be numbers between -L/2 and L/2")
     r = across.growth_rate()
-    v1, v2, P, g = across.fields(r, x1 / across.length)
-    if not np.iscomplexobj(r):
-        v1, v2, P, g = v1.real, v2.real, P.real, g.real
-    k = 1.0 / across.length
+    fields = across.fields(r, x1 * k)
+    v1, v2, P, g = fields if np.iscomplexobj(r) else fields.real
     return Mode(r, np.array([v1, v2]), k * P, k * g / across.viscosity)
 
 
-def column_growth_rate(law, model, *, inertial_number, width, height, half_waves=1,
-                       amplitude=0.48, density=0.0, relaxation_time=None):
-    """Return the growth rate at which a specimen sways as a column does that creeps.
+def column_growth_rate(law, model, **specimen):
+    """Return the growth rate of the specimen as a creeping column that sways.
 
-    It leans in ``half_waves`` n half sine waves, k = n pi/H. The plates press with N beyond the
-    lateral stress; E is the tangent viscosity of the axial stress::
+    The column bends in ``half_waves`` n half sine waves, k = n pi/H. The plates press with N
+    beyond the lateral stress, and E is the tangent viscosity of the axial stress::
 
         phi rho_s L r^2 + E (L^3/12) k^4 r - N k^2 = 0,    N = (|sigma_2| - |sigma_1|) L = 2 mu P0 L
         E = 4 M P0^2/|sigma_1|,    M = I0 mu_loc'(I0) + A^2 d^2 (12/L^2 + k^2) + t0 r
 
-    For NGF a fluidity that varies across the width ends at faces without flux, in layers of
-    A d/sqrt(mu), and this adds the 12/L^2 to bending. LI has no such term. t0, which only
-    the primitive form has, delays growth as inertia does. The formula is good for H >= 3 L.
+    In NGF a fluidity that varies across the width ends at faces without flux, in layers of
+    thickness A d/sqrt(mu). These layers add 12/L^2 to bending; LI has no such term. t0 delays
+    growth as inertia does. The formula is accurate for H >= 3 L.
 
     Parameters
     ----------
-    law, model, inertial_number, width, height, half_waves, amplitude, density, relaxation_time
-        As for `growth_rate`.
+    law, model, **specimen
+        Attributes of `Specimen`, which raises ValueError. Parity and shear modulus have no effect.
 
     Returns
     -------
     float
         The positive root r, gdot0.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of bounds.
     """
-    _check(model, inertial_number, width, height, half_waves, amplitude, density, relaxation_time)
-    mu, slope = _stress_ratio(law, inertial_number)
-    P, L, k = 1.0 / (1.0 - mu), width, half_waves * np.pi / height
-    M = inertial_number * slope
+    p = Specimen(law, model, **specimen)
+    P, L, k, M = 1.0 / (1.0 - p.mu), p.width, p.wave_number, p.inertial_number * p.slope
     if model != "li":
-        M = M + amplitude**2 * (12.0 / L**2 + k**2)
-    stiffness, load = 4.0 * P**2 * L**3 / 12.0 * k**4, 2.0 * mu * P * L * k**2
-    bending, delay = M * stiffness, density * L + (relaxation_time or 0.0) * stiffness
-    # The positive root, in the form that needs neither inertia nor t0.
+        M = M + p.amplitude**2 * (12.0 / L**2 + k**2)
+    stiffness, load = 4.0 * P**2 * L**3 / 12.0 * k**4, 2.0 * p.mu * P * L * k**2
+    bending, delay = M * stiffness, p.density * L + (p.relaxation_time or 0.0) * stiffness
+    # This form of the positive root is valid without inertia and t0.
     return float(2.0 * load / (bending + np.sqrt(bending**2 + 4.0 * delay * load)))
 
 
-def _check(model, inertial_number, width, height, half_waves, amplitude, density, relaxation_time):
-    """Raise `ValueError` for an argument out of bounds."""
-    if model not in MODELS:
-        raise ValueError(f"model {model}: allowed is {' | '.join(MODELS)}")
-    for name, value in (("inertial number", inertial_number), ("width", width),
-                        ("height", height), ("amplitude", amplitude)):
-        if not 0.0 < value < np.inf:
-            raise ValueError(f"{name} {value}: allowed is a number > 0")
-    if half_waves < 1 or half_waves != int(half_waves):
-        raise ValueError(f"half waves {half_waves}: allowed is an integer >= 1")
-    if not 0.0 <= density < np.inf:
-        raise ValueError(f"density {density}: allowed is a number >= 0")
-    if (model == "ngf_primitive") != (relaxation_time is not None):
-        raise ValueError(f"relaxation time: the model {model} "
-                         f"{'needs one' if relaxation_time is None else 'has none'}")
-    if relaxation_time is not None and not 0.0 < relaxation_time < np.inf:
-        raise ValueError(f"relaxation time {relaxation_time}: allowed is a number > 0")
-
-
-def _stress_ratio(law, inertial_number):
-    """Return mu_loc(I0) and its derivative, two floats. Raises `ValueError` where P0 is missing."""
-    mu, slope = (float(part) for part in law.stress_ratio(np.asarray(float(inertial_number))))
-    if not 0.0 < mu < 1.0:
-        raise ValueError(f"inertial number {inertial_number}: mu_loc(I0) is {mu:.4g}, and "
-                         "plane-strain compression needs it between 0 and 1 (3.19)")
-    if not 0.0 < slope < np.inf:
-        raise ValueError(f"inertial number {inertial_number}: mu_loc'(I0) is {slope:.4g}; the "
-                         "theory needs a law that rises")
-    return mu, slope
-
-
-@dataclass(frozen=True)
 class _Across:
-    """The linear system across the specimen, with lengths in 1/k.
+    """The linear system across a `Specimen`, with lengths in 1/k.
 
-    Attributes
-    ----------
-    mu, viscosity, beta : float
-        mu, eta0 = mu P0 and mu/(I0 mu_loc'(I0)) - 1.
-    spread : float or None
-        xi^2 k^2; None for LI.
-    relaxation : float
-        t0 over A^2 d^2/xi^2, 1/gdot0; 0 but for the primitive form.
-    density : float
-        phi rho_s/k^2, |sigma_1|/gdot0^2.
-    softness : float
-        eta0/G, 1/gdot0; 0 is rigid.
-    half : float
-        k L/2.
-    sways : bool
-        Whether v1 is even in x1.
-    length : float
-        1/k, d.
+    mu, viscosity, beta are mu, eta0 and mu/(I0 mu_loc'(I0)) - 1; spread is xi^2 k^2 (None for LI);
+    relaxation is t0 over A^2 d^2/xi^2; density is phi rho_s/k^2; softness is eta0/G (0 is rigid);
+    half is k L/2.
     """
 
-    mu: float
-    viscosity: float
-    beta: float
-    spread: object
-    relaxation: float
-    density: float
-    softness: float
-    half: float
-    sways: bool
-    length: float
-
-    @classmethod
-    def of(cls, law, model, inertial_number, width, height, half_waves, parity, amplitude, density,
-           shear_modulus, relaxation_time):
-        """Return the system for the arguments of `growth_rate`. Raises `ValueError`."""
-        _check(model, inertial_number, width, height, half_waves, amplitude, density,
-               relaxation_time)
-        if parity not in PARITIES:
-            raise ValueError(f"parity {parity}: allowed is {' | '.join(PARITIES)}")
-        mu, slope = _stress_ratio(law, inertial_number)
-        k, viscosity = half_waves * np.pi / height, mu / (1.0 - mu)
-        spread, relaxation = None, 0.0
-        if shear_modulus is not None and not shear_modulus > viscosity:
-            # With the Jaumann rate, elastic waves along x2 then have no real speed.
-            raise ValueError(f"shear modulus {shear_modulus}: allowed is a number above mu P0, "
-                             f"{viscosity:.4g}, or None")
-        if model != "li":
-            if getattr(law, "inverse_length_squared", None) is None:
-                raise ValueError(f"the law {type(law).__name__} has no cooperativity length, so "
-                                 "that NGF is not defined with it; allowed is the model li")
-            inverse = float(law.inverse_length_squared(np.asarray(mu))[0])
-            spread, relaxation = (amplitude * k)**2 / inverse, (relaxation_time or 0.0) / inverse
-        softness = 0.0 if shear_modulus is None else viscosity / shear_modulus
-        return cls(mu, viscosity, mu / (inertial_number * slope) - 1.0, spread, relaxation,
-                   density / k**2, softness, k * width / 2.0, parity == "sway", 1.0 / k)
-
-    # The exact solution at one growth rate
+    def __init__(self, p):
+        self.k, self.mu, self.viscosity = p.wave_number, p.mu, p.viscosity
+        self.beta = p.mu / (p.inertial_number * p.slope) - 1.0
+        self.spread, self.relaxation = None, 0.0
+        if p.model != "li":
+            inverse = float(inverse_length_squared(p.law, np.asarray(p.mu))[0])
+            self.spread = (p.amplitude * self.k)**2 / inverse
+            self.relaxation = (p.relaxation_time or 0.0) / inverse
+        self.density = p.density / self.k**2
+        self.softness = 0.0 if p.shear_modulus is None else p.viscosity / p.shear_modulus
+        self.half = self.k * p.width / 2.0
+        self.sways = p.parity == "sway"
 
     def polynomials(self, r):
-        """Return W, W + R+, N, F/(m mu) and the characteristic polynomial in q, ascending."""
+        """W, W + R+, N, F/(m mu) and the characteristic polynomial in q, ascending."""
         m = 1.0 / (1.0 + self.softness * r)
         viscosity, local = m * self.viscosity, m * self.mu
         above, below = self.density * (r + 0.5), self.density * (r - 0.5)
@@ -319,23 +300,20 @@ class _Across:
         return W, polynomial.polyadd(W, [above]), N, F / local, characteristic
 
     def blocks(self, r, x):
-        """Return the solutions of the parity at places ``x`` (...), and at the face.
+        """Solutions of the parity at positions ``x`` (...), and at the face.
 
-        Returns
-        -------
-        list of (ndarray, ndarray)
-            For each block of roots the amplitudes of v1, v2, P', eta0 g' at ``x``,
-            (4, ..., size), and those of sigma_11, sigma_12, eta0 g',1 and v1 at the face,
-            (4, size). They carry one factor that keeps large exponentials in bounds.
+        For each block of roots: the amplitudes of v1, v2, P', eta0 g' at ``x`` (4, ..., size), and
+        of sigma_11, sigma_12, eta0 g',1 and v1 at the face (4, size). A common factor prevents the
+        overflow of exponentials.
         """
         W, normal, N, F, characteristic = self.polynomials(r)
         found = []
         for roots in _blocks(_roots(characteristic), self.half):
-            # The first row of a function of this matrix holds the divided differences of the
-            # function at the roots: solutions that stay apart where roots meet.
+            # The first row of a function of this matrix consists of the divided differences of
+            # the function at the roots. They remain independent where roots coincide.
             K = np.diag(roots) + np.diag(np.ones(len(roots) - 1), 1) / self.half**2
             normal_K, W_K, N_K, F_K = (_polynomial_of(part, K) for part in (normal, W, N, F))
-            # Solutions that go like v1,1, and those that go like v1, at the face and at x.
+            # Solutions proportional to v1,1 and to v1, at the face and at x.
             rate, v1 = self._waves(K, np.asarray(self.half))
             rate_x, v1_x = self._waves(K, x)
             face = [2.0 * normal_K @ rate, -2.0 * W_K @ v1, F_K @ v1, 2.0 * v1]
@@ -345,12 +323,12 @@ class _Across:
         return found
 
     def _waves(self, K, x):
-        """Return the functions of K, (..., size, size), that go like v1,1/q and like v1."""
+        """Functions of K, (..., size, size), proportional to v1,1/q and to v1."""
         cosh, sinh = _cosh_sinh(K, x, self.half)
         return (sinh, cosh) if self.sways else (cosh, K @ sinh)
 
     def fields(self, r, x):
-        """Return v1, v2, P' and eta0 g' at ``x`` (...) for a face displaced by 1, (4, ...)."""
+        """v1, v2, P' and eta0 g' at ``x`` (...) for a face displaced by 1, (4, ...)."""
         blocks = self.blocks(r, x)
         face = np.concatenate([part for _, part in blocks], axis=1)
         conditions = face[[0, 1]] if self.spread is None else face[:3]
@@ -363,32 +341,30 @@ class _Across:
         return np.concatenate([part for part, _ in blocks], axis=-1) @ weights
 
     def response(self, r):
-        """Return what a face displaced by 1 that grows at the rate r would make it grow at."""
+        """Growth rate v1/zeta + 1/2 of a face, for disturbances with the growth rate r."""
         return self.fields(r, np.asarray(self.half))[0] + 0.5
 
-    # Its growth rate
-
     def growth_rate(self):
-        """Return r, as `growth_rate` does."""
+        """Return r, see the function `growth_rate`."""
         if not (self.density or self.softness or self.relaxation):
             return float(self.response(0.0).real)
         if self.softness and not self.density:
-            # An elastic specimen under more than its critical load moves faster than any rate.
+            # The growth rate is infinite if the load exceeds the elastic buckling load.
             fast = 1e9 / self.softness
             if self.response(fast).real >= fast:
                 raise ValueError("the shear modulus is so small that the specimen buckles "
-                                 "elastically, at once")
+                                 "elastically")
         for start in self.spectrum():
             r = self._secant(start)
             if r is not None:
                 return complex(r) if r.imag else float(r.real)
-            if self.density or start.real > 0.0:  # not one of those that relax
+            if self.density or start.real > 0.0:  # not a relaxation of elastic stress
                 break
         raise RuntimeError(f"the exact solution does not confirm the growth rate {start:.6g} of "
                            "the collocation")
 
     def _secant(self, start):
-        """Return the root of response(r) = r near ``start``, or None where it is far."""
+        """Root of response(r) = r, or None if it is not close to ``start``."""
         real = not start.imag
         before, r, step = start, start * (1.0 + 1e-5) + 1e-8, np.inf
         excess = self.response(before) - before
@@ -400,7 +376,7 @@ class _Across:
             before, excess, r = r, now, r - step
             if real:
                 r = r.real + 0.0j
-            # Rounding ends the decrease of the steps of a slender specimen.
+            # For a slender specimen rounding limits the size of steps.
             if abs(step) <= TOLERANCE * abs(r) or abs(last) <= abs(step) <= ROUNDING * abs(r):
                 break
         else:
@@ -408,10 +384,10 @@ class _Across:
         return r if abs(r - start) <= TRUST * (1.0 + abs(start)) else None
 
     def spectrum(self):
-        """Return all growth rates of a Chebyshev collocation, (m,), largest real part first.
+        """Growth rates (m,) of a Chebyshev collocation, largest real part first.
 
-        Of a pair the one with the positive imaginary part is there. Collocation takes half the
-        width, on polynomials of the parity of each field.
+        Of a complex pair only the rate with positive imaginary part is included. The collocation
+        covers half of the width, with polynomials of the parity of each field.
         """
         layer = 1.0 if self.spread is None else np.sqrt(max(1.0, (1.0 + self.beta) / self.spread))
         count = 24 + int(self.half + 2.0 * np.sqrt(self.half * layer))
@@ -425,9 +401,9 @@ class _Across:
         return found[np.argsort(-found.real)]
 
     def _collocated(self, count):
-        """Return matrices B and A of r B y = A y on ``count`` points between middle and face."""
+        """Matrices B and A of r B y = A y on ``count`` points between middle and face."""
         mu, eta, softness, X = self.mu, self.viscosity, self.softness, self.half
-        places = np.append(np.cos((np.arange(count) + 0.5) * np.pi / (2 * count)), 1.0)
+        positions = np.append(np.cos((np.arange(count) + 0.5) * np.pi / (2 * count)), 1.0)
         points, face = slice(0, count), slice(count, count + 1)
         even = {"v1": self.sways, "normal": not self.sways, "shear": self.sways,
                 "deviator": not self.sways}
@@ -439,13 +415,13 @@ class _Across:
         tables = {}
         for name, size in sizes.items():
             series = np.eye(2 * size)[:, (0 if even[name] else 1)::2]
-            tables[name] = [chebyshev.chebval(places, chebyshev.chebder(series, m)).T / X**m
+            tables[name] = [chebyshev.chebval(positions, chebyshev.chebder(series, m)).T / X**m
                             for m in range(3)]
         left, right = [], []
 
         def equation(where, rates, values, displacement=(0.0, 0.0)):
-            """Add rates r = values; a term is (field, order of the derivative): coefficient."""
-            height = places[where].size
+            """Add rates r = values; terms are {(field, order of the derivative): coefficient}."""
+            height = positions[where].size
             for rows, terms, last in ((left, rates, displacement[0]),
                                       (right, values, displacement[1])):
                 row = np.zeros((height, total))
@@ -486,10 +462,10 @@ class _Across:
 
 
 def _roots(coefficients):
-    """Return the roots (2,) or (3,) of a polynomial given in ascending order, complex.
+    """Complex roots (2,) or (3,) of a polynomial with ascending coefficients.
 
-    Of a cubic the largest one is corrected and divided out, so that sum and product of the
-    others, however close, keep their digits.
+    The largest root of a cubic is corrected and divided out, so that sum and product of the other
+    two are accurate even if these nearly coincide.
     """
     coefficients = np.asarray(coefficients) / coefficients[-1]
     largest = []
@@ -508,7 +484,7 @@ def _roots(coefficients):
 
 
 def _blocks(roots, half):
-    """Return lists of roots whose exponentials are close to each other over the length half."""
+    """Lists of roots whose exponentials over the length ``half`` are nearly equal."""
     blocks = []
     for root in roots:
         near = [block for block in blocks if any(
@@ -519,7 +495,7 @@ def _blocks(roots, half):
 
 
 def _polynomial_of(coefficients, K):
-    """Return a polynomial, given in ascending order, of a square matrix."""
+    """Polynomial with ascending coefficients of a square matrix."""
     value = np.zeros_like(K)
     for coefficient in coefficients[::-1]:
         value = value @ K + coefficient * np.eye(len(K))
@@ -527,20 +503,9 @@ def _polynomial_of(coefficients, K):
 
 
 def _cosh_sinh(K, x, half):
-    """Return cosh(sqrt(K) x) and sinh(sqrt(K) x)/sqrt(K), both times exp(-fastest half).
+    """cosh(sqrt(K) x) and sinh(sqrt(K) x)/sqrt(K), (..., size, size), times exp(-fastest half).
 
-    Parameters
-    ----------
-    K : ndarray, shape (size, size)
-        Upper triangular.
-    x : ndarray, shape (...)
-        Places with |x| <= ``half``.
-    half : float
-
-    Returns
-    -------
-    ndarray, ndarray
-        Shapes (..., size, size). They are blocks of the exponential of x [[0, 1], [K, 0]].
+    They are blocks of the exponential of x [[0, 1], [K, 0]], for an upper triangular K.
     """
     size, x = len(K), np.asarray(x, dtype=float)[..., None, None]
     fastest, one = np.sqrt(np.diag(K)).real.max(), np.eye(len(K))

@@ -1,7 +1,7 @@
 """Perturbations whose wave vector turns with the flow (appendix A).
 
-Times are dimensionless, A^2 d^2 phi rho_s/eta0, as in (A 6). Wave vectors and growth rates are
-those of `pgran.theory.waves`.
+Times are dimensionless, A^2 d^2 phi rho_s/eta0, as in (A 6). For wave vectors and growth rates see
+`pgran.theory.waves`.
 """
 
 import numpy as np
@@ -10,68 +10,68 @@ from scipy.linalg import expm
 
 from . import waves
 
-#: Tolerances of the integration, relative and absolute.
-TOLERANCES = {"rtol": 1e-10, "atol": 1e-11}
-
 
 def turning_wave_vector(k, gradient, convection, time):
-    """Return k(t) = exp(-convection L0^T t) k, shape (m, n), at dimensionless times (m,).
+    """Return k(t) = exp(-convection L0^T t) k, (m, n), at times (m,); see `amplitude`."""
+    generator = -convection * np.asarray(gradient, dtype=float).T
+    return expm(np.multiply.outer(np.asarray(time, dtype=float), generator)) @ np.asarray(k, float)
+
+
+def amplitude(k, N, coefficients, gradient, convection, end):
+    """Return the history of the fastest perturbation, the solution of dv/dt = A(k(t)) v (A 4).
 
     Parameters
     ----------
     k : ndarray, (n,)
         Wave vector at time 0.
+    N, coefficients, convection
+        As for `pgran.theory.waves.growth_rates`.
     gradient : ndarray, (n, n)
         L0/gdot0.
-    convection : float
-        A^2 phi I0^2/mu_loc.
+    end : float
+        Dimensionless time of the end.
+
+    Returns
+    -------
     time : ndarray, (m,)
-    """
-    generator = -convection * np.asarray(gradient, dtype=float).T
-    return expm(np.multiply.outer(np.asarray(time, dtype=float), generator)) @ np.asarray(k, float)
+    k : ndarray, (m, n)
+    logarithm : ndarray, (m,)
+        ln |v|; v(0) is the first mode of `pgran.theory.waves.modes`, with |v(0)| = 1. The times
+        include all maxima.
 
-
-def _follow(k, N, coefficients, gradient, convection, end):
-    """Integrate (A 4) for v = a u, |u| = 1: the solution of `solve_ivp` for (u, ln a).
-
-    Its events are the maxima of ln a.
+    Raises
+    ------
+    ValueError
+        If the integration fails.
     """
     k = np.asarray(k, dtype=float)
     _, vectors = waves.modes(k, N, coefficients, convection, gradient)
     start = vectors[0].real / np.linalg.norm(vectors[0].real)
 
-    def slope(time, state):
+    def slope(time, state):  # of v/|v| and ln |v|
         turned, u = turning_wave_vector(k, gradient, convection, time), state[:-1]
-        u = u - (turned @ u) / (turned @ turned) * turned  # against drift by rounding
+        u = u - (turned @ u) / (turned @ turned) * turned  # removes drift by rounding
         u = u / np.linalg.norm(u)
         A, _ = waves.tensor(turned, N, *coefficients.r_q(turned @ turned), convection, gradient)
         change = A @ u
         return np.append(change - (u @ change) * u, u @ change)
 
-    def crest(time, state):
+    def maximum(time, state):
         return slope(time, state)[-1]
 
-    crest.direction = -1.0
-    found = solve_ivp(slope, (0.0, end), np.append(start, 0.0), method="LSODA", events=crest,
-                      **TOLERANCES)
+    maximum.direction = -1.0
+    found = solve_ivp(slope, (0.0, end), np.append(start, 0.0), method="LSODA", events=maximum,
+                      rtol=1e-10, atol=1e-11)
     if not found.success:
-        raise ValueError(f"end time {end}: the perturbation cannot be followed; {found.message}")
-    return found
-
-
-def amplitude(k, N, coefficients, gradient, convection, end):
-    """Return times (m,), wave vectors (m, n) and ln |v| (m,) of the fastest perturbation.
-
-    Solves (A 4) along the turning wave vector, dv/dt = A(k(t)) v, to the dimensionless time
-    ``end``. v(0) is the mode that `waves.modes` gives first, with |v(0)| = 1.
-    """
-    found = _follow(k, N, coefficients, gradient, convection, end)
-    return found.t, turning_wave_vector(k, gradient, convection, found.t), found.y[-1]
+        raise ValueError(f"end time {end}: the integration fails: {found.message}")
+    time = np.append(found.t, found.t_events[0])
+    logarithm = np.append(found.y[-1], [state[-1] for state in found.y_events[0]])
+    order = np.argsort(time, kind="stable")
+    time, logarithm = time[order], logarithm[order]
+    return time, turning_wave_vector(k, gradient, convection, time), logarithm
 
 
 def largest_amplification(k, N, coefficients, gradient, convection, end):
     """Return the largest ln(|v|/|v(0)|) up to the time ``end``, and its dimensionless time."""
-    found = _follow(k, N, coefficients, gradient, convection, end)
-    crests = zip(found.y_events[0][:, -1], found.t_events[0]) if found.t_events[0].size else ()
-    return max([(0.0, 0.0), (float(found.y[-1, -1]), float(end)),
-                *((float(size), float(time)) for size, time in crests)])
+    time, _, logarithm = amplitude(k, N, coefficients, gradient, convection, end)
+    return float(logarithm.max()), float(time[np.argmax(logarithm)])

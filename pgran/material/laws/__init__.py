@@ -1,7 +1,7 @@
-"""Local laws mu_loc(I); a new law is one new file.
+"""Local laws mu_loc(I). A new law is one new file.
 
-A law is a class that derives from `Law`. It is pure numpy: arrays go in, and arrays of the same
-shape come out, with their derivatives.
+A law is a class that derives from `Law`. Its functions take numpy arrays and return arrays of the
+same shape, together with their derivatives.
 """
 
 import dataclasses
@@ -9,33 +9,31 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ...options import ParameterError, positive
+from ...options import BOTH, ParameterError, positive
 
-#: Rows that several laws share.
+#: Options of several laws.
 MU_S = positive("mu_s", 0.3819, "", "static yield value of the stress ratio", "(1.2), (1.3)",
-                shared=("restart", "mode_file"))
+                shared=BOTH)
 MU_2 = positive("mu_2", 0.6435, "", "limit of the stress ratio of the Jop law", "(1.3)",
-                shared=("restart", "mode_file"))
-B = positive("b", 0.9377, "", "slope of mu_loc at I = 0", "(1.2), (1.3)",
-             shared=("restart", "mode_file"))
-I_0 = positive("I_0", None, "1", "inertial number at which the Jop law is half way from mu_s to "
-               "mu_2; given, it takes the place of b", "I_0 = (mu_2 - mu_s)/b",
-               shared=("restart", "mode_file"))
+                shared=BOTH)
+B = positive("b", 0.9377, "", "slope of mu_loc at I = 0", "(1.2), (1.3)", shared=BOTH)
+I_0 = positive("I_0", None, "1", "inertial number at which mu_loc of the Jop law is "
+               "(mu_s + mu_2)/2; replaces b", "I_0 = (mu_2 - mu_s)/b", shared=BOTH)
 
 
 class Law(ABC):
     """A local law mu_loc(I) and its inverse.
 
-    A subclass must define `stress_ratio` and `inertial_number`. It may define
-    ``inverse_length_squared(mu)``, which returns A^2 d^2/xi^2 of (2.8) and its derivative, both
-    with the shape of ``mu``; non-local models need it. It may define everything else below.
+    A subclass must define `stress_ratio` and `inertial_number`. Non-local models also need
+    ``inverse_length_squared(mu)``, which returns A^2 d^2/xi^2 of (2.8) and its derivative with
+    respect to mu. Everything else has a default.
 
     Attributes
     ----------
     options : tuple of pgran.options.Option
-        The law's own options. `of` passes their values to the constructor by name.
+        Options of the law. `of` passes their values to the constructor by name.
     yield_ratio : float or ndarray
-        Stress ratio up to which nothing flows locally, 0 for a law without yield value.
+        Largest stress ratio without local flow; 0 for a law without yield value.
     """
 
     options = ()
@@ -43,16 +41,16 @@ class Law(ABC):
     inverse_length_squared = None
 
     @classmethod
-    def resolve(cls, parameters, given):
-        """Fill in and check values of ``parameters``; ``given`` holds the names that were set.
+    def resolve(cls, parameters, names):
+        """Complete and check ``parameters``; ``names`` are the options that the user has set.
 
-        Raises `pgran.options.ParameterError`. By default there is nothing to do.
+        Raises `pgran.options.ParameterError`. The default does nothing.
         """
 
     @classmethod
     def of(cls, parameters):
-        """Return the law with the values of its rows."""
-        return cls(**{row.name: getattr(parameters, row.name) for row in cls.options})
+        """Return the law with the values of its options."""
+        return cls(**{option.name: getattr(parameters, option.name) for option in cls.options})
 
     @abstractmethod
     def stress_ratio(self, I):
@@ -60,35 +58,36 @@ class Law(ABC):
 
     @abstractmethod
     def inertial_number(self, mu):
-        """Return I_loc(mu), which is zero up to `yield_ratio` (2.7), and its derivative."""
+        """Return I_loc(mu) of (2.7), which is zero up to `yield_ratio`, and its derivative."""
 
     @property
     def limit(self):
-        """The stress ratio that the law approaches as I grows, infinite for a law without limit."""
-        before, last = self.stress_ratio(np.array([1e12, 1e15]))[0]
-        return float(last) if last - before < 1e-9 * last else np.inf
+        """Limit of mu_loc for I -> infinity, possibly infinite."""
+        previous, last = self.stress_ratio(np.array([1e12, 1e15]))[0]
+        return float(last) if last - previous < 1e-9 * last else np.inf
 
     def weakened(self, factor):
-        """Return the law of elements whose static value mu_s is ``factor`` (n,) times this one."""
+        """Return the law with mu_s times ``factor`` (n,), one entry per element."""
         if not hasattr(self, "mu_s"):
-            raise ParameterError("imperfection", "below 1", f"the law {type(self).__name__} has "
-                                 "no mu_s to weaken; allowed is 1")
+            raise ParameterError("imperfection", "below 1",
+                                 f"the law {type(self).__name__} has no mu_s; must be 1")
         return dataclasses.replace(self, mu_s=self.mu_s * factor)
 
     def elastic_stress_ratio(self, gdot, s, compliance):
         """Solve s I_loc(mu) + compliance mu = gdot for mu > `yield_ratio`.
 
+        The default is Newton's method within a bracket, to rounding. A law may override it with a
+        closed form.
+
         Parameters
         ----------
         gdot, s, compliance : ndarray
-            Shear rate, inverse inertial time of the grains, and theta P; one shape.
+            Shear rate, inverse inertial time of the grains, and theta P; arrays of one shape.
 
         Returns
         -------
         ndarray
-            mu. This default uses Newton's method within a bracket and stops when no entry changes
-            by more than rounding; a law may give a closed form instead. Entries without a
-            solution are not numbers.
+            mu, NaN where there is no solution.
         """
         gdot, s, compliance = np.broadcast_arrays(gdot, s, compliance)
         with np.errstate(all="ignore"):
@@ -109,30 +108,26 @@ class Law(ABC):
         return np.where(done, mu, np.nan)
 
 
-#: Half the distance of the extreme principal values of N in plane flow.
-PLANE_REACH = float(np.sqrt(0.5))
-
-
-def ill_posedness(mu, nu, centre=0.0, reach=PLANE_REACH):
+def ill_posedness(mu, nu, centre=0.0, reach=0.5**0.5):
     """Return q^2 + 8 r^2 reach^2 - 4 r (1 - sqrt(2) q centre), r = 1 - nu, q = mu (1 - nu/2).
 
-    It is positive where some long wave grows, and for LI, where waves of all lengths do the same,
-    where the law is ill-posed. In plane flow it is C(I) = 4 nu^2 - 4 nu + mu^2 (1 - nu/2)^2.
+    It is positive where some long wave grows. For LI waves of all lengths then grow, and the law
+    is ill-posed. In plane flow it is C(I) = 4 nu^2 - 4 nu + mu^2 (1 - nu/2)^2.
 
     Parameters
     ----------
     mu, nu : ndarray
-        mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6); one shape.
+        mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6), arrays of one shape.
     centre, reach : float
-        Mean and half distance of the extreme principal values of N; the defaults are those of
-        plane flow.
+        Mean and half distance of the extreme principal values of N; the defaults are for plane
+        flow.
     """
     r, q = 1.0 - nu, mu * (1.0 - nu / 2.0)
     return q**2 + 8.0 * r**2 * reach**2 - 4.0 * r * (1.0 - np.sqrt(2.0) * q * centre)
 
 
 def sensitivity(law, I):
-    """Return mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6), each with the shape of ``I``."""
+    """Return mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6), arrays with the shape of I."""
     mu, slope = law.stress_ratio(I)
     return mu, I * slope / mu
 
@@ -140,25 +135,22 @@ def sensitivity(law, I):
 def sign_changes(function, low, high, count=2001):
     """Return where ``function`` changes sign between ``low`` and ``high`` > 0, (m,).
 
-    Brackets on ``count`` points in geometric order are bisected to the last digit.
+    The sign changes between ``count`` points in geometric order are refined to rounding.
     """
+    from scipy.optimize import brentq  # slow to import, and few runs need it
+
     points = np.geomspace(low, high, count)
-    values = function(points)
-    start = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))
-    low, high, sign = points[start], points[start + 1], np.sign(values[start])
-    for _ in range(60):
-        middle = np.sqrt(low * high)
-        same = np.sign(function(middle)) == sign
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return np.sqrt(low * high)
+    values = np.sign(function(points))
+    return np.array([brentq(function, points[n], points[n + 1], xtol=1e-300, rtol=1e-15)
+                     for n in np.flatnonzero(values[1:] != values[:-1])])
 
 
-def slope_of_jop(cls, parameters, given):
-    """Fill in b or leave it out where I_0 is given, and check mu_2; for `Law.resolve`."""
+def resolve_jop(cls, parameters, names):
+    """Remove b if I_0 is set, and check mu_2: `Law.resolve` of laws with the options of Jop."""
     if not parameters.mu_2 > parameters.mu_s:
         raise ParameterError("mu_2", parameters.mu_2,
                              f"must exceed @mu_s {parameters.mu_s} with @law {parameters.law}")
     if parameters.I_0 is not None:
-        if {"b", "I_0"} <= given:
-            raise ParameterError("I_0", parameters.I_0, "takes the place of @b; give one of them")
+        if {"b", "I_0"} <= names:
+            raise ParameterError("I_0", parameters.I_0, "replaces @b; set only one of them")
         parameters.b = None

@@ -1,36 +1,36 @@
-"""The partially regularised law of Barker & Gray (2017), which is well-posed for LI at low I."""
+"""The partially regularised law of Barker & Gray (2017), well-posed for LI at small I."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...options import ParameterError, positive
-from . import I_0, MU_2, MU_S, B, Law, ill_posedness, sensitivity, sign_changes, slope_of_jop
+from ...options import BOTH, ParameterError, positive
+from . import I_0, MU_2, MU_S, B, Law, ill_posedness, resolve_jop, sensitivity, sign_changes
 from .jop import Jop
 
 
 @dataclass(frozen=True)
 class BarkerGray(Law):
-    """The law of Jop, replaced below I_1 by one without yield value, and rising without limit.
+    """The Jop law, replaced below I_1 by a law without yield value, and without upper limit.
 
     ::
 
         I <= I_1:   mu_loc = sqrt(alpha/ln(A_-/I))
-        above:      mu_loc = (mu_s I_0 + mu_2 I + mu_inf I^2)/(I_0 + I)
+        I > I_1:    mu_loc = (mu_s I_0 + mu_2 I + mu_inf I^2)/(I_0 + I)
 
-    I_1 is the lower root of C(I) = 0 for the law of Jop with the same mu_s, mu_2 and I_0, and A_-
-    makes mu_loc continuous at I_1. As I goes to 0 the law is well-posed if and only if alpha < 2.
-    There is no cooperativity length: the law is for LI.
+    I_1 is the lower root of C(I) = 0 for the Jop law with the same mu_s, mu_2 and I_0, and A_-
+    makes mu_loc continuous at I_1. For I -> 0 the law is well-posed if and only if alpha < 2.
+    It has no cooperativity length and applies to LI.
 
     Attributes
     ----------
     I_1, A_minus : float or ndarray
-        Derived from the others, with the shape of ``mu_s``.
+        Derived quantities, with the shape of ``mu_s``.
 
     Raises
     ------
     ParameterError
-        If the law of Jop is well-posed down to I = 0, so that there is nothing to regularise.
+        If the Jop law has no lower root of C(I).
     """
 
     mu_s: object
@@ -42,35 +42,32 @@ class BarkerGray(Law):
     A_minus: object = field(init=False)
 
     options = (MU_S, MU_2, B, I_0,
-            positive("alpha", 1.9, "", "coefficient of the law below I_1; it is well-posed as I "
-                     "goes to 0 if this is below 2", "mu = sqrt(alpha/ln(A_-/I))",
-                     shared=("restart", "mode_file")),
-            positive("mu_inf", 0.05, "", "slope of mu_loc as I goes to infinity",
-                     shared=("restart", "mode_file")))
-    resolve = classmethod(slope_of_jop)
+               positive("alpha", 1.9, "", "coefficient of the law below I_1; the law is well-posed "
+                        "for I -> 0 if alpha < 2", "mu = sqrt(alpha/ln(A_-/I))", shared=BOTH),
+               positive("mu_inf", 0.05, "", "slope of mu_loc for I -> infinity", shared=BOTH))
+    resolve = classmethod(resolve_jop)
 
     @classmethod
     def of(cls, parameters):
-        """Return the law; where I_0 is not given b sets it."""
+        """Return the law; b determines I_0 unless I_0 is set."""
         p = parameters
         I_0 = p.I_0 if p.I_0 is not None else (p.mu_2 - p.mu_s) / p.b
         return cls(p.mu_s, p.mu_2, I_0, p.alpha, p.mu_inf)
 
     def __post_init__(self):
-        values, place = np.unique(self.mu_s, return_inverse=True)
-        found = np.array([self._lower_root(mu_s) for mu_s in values])
-        I_1 = found[place].reshape(np.shape(self.mu_s))
+        values, index = np.unique(self.mu_s, return_inverse=True)
+        I_1 = np.array([self._lower_root(mu_s) for mu_s in values])[index]
+        I_1 = I_1.reshape(np.shape(self.mu_s))
         object.__setattr__(self, "I_1", I_1)
         object.__setattr__(self, "A_minus", I_1 * np.exp(self.alpha / self._rising(I_1)[0]**2))
 
     def _lower_root(self, mu_s):
-        """The inertial number at which the law of Jop becomes well-posed."""
+        """The inertial number at which the Jop law becomes well-posed."""
         jop = Jop(mu_s, self.mu_2, (self.mu_2 - mu_s) / self.I_0)
         roots = sign_changes(lambda I: ill_posedness(*sensitivity(jop, I)), 1e-9, 1e3)
         if not roots.size:
-            raise ParameterError("law", "barker_gray", "the law of Jop with these parameters has "
-                                 "no range of inertial numbers in which it is well-posed, or none "
-                                 "in which it is not")
+            raise ParameterError("law", "barker_gray", "the Jop law with these parameters does not "
+                                 "change between ill-posed and well-posed at any inertial number")
         return roots[0]
 
     def _rising(self, I):
@@ -90,7 +87,7 @@ class BarkerGray(Law):
         return np.where(low, root, value), np.where(low, np.where(I > 0.0, slope, np.inf), rising)
 
     def inertial_number(self, mu):
-        """Return I_loc(mu), which is greater than zero for every mu > 0, and its derivative."""
+        """Return I_loc(mu), positive for every mu > 0, and its derivative."""
         mu = np.asarray(mu, dtype=float)
         low = mu <= self._rising(self.I_1)[0]
         small = np.where(low & (mu > 0.0), mu, np.inf)
@@ -99,7 +96,7 @@ class BarkerGray(Law):
         linear = mu - self.mu_2
         root = np.sqrt(np.where(low, 1.0, linear**2 - 4.0 * self.mu_inf * self.I_0
                                 * (self.mu_s - mu)))
-        # The form of the positive root that does not cancel depends on the sign of mu - mu_2.
+        # Which form of the positive root avoids cancellation depends on the sign of mu - mu_2.
         with np.errstate(divide="ignore", invalid="ignore"):
             large = np.where(linear > 0.0, (linear + root) / (2.0 * self.mu_inf),
                              2.0 * self.I_0 * (mu - self.mu_s) / (root - linear))

@@ -26,12 +26,12 @@ class Bingham(Law):
         return self.mu_s + self.b * I, self.b * np.ones_like(I)
 
     def inertial_number(self, mu):
-        """Return I_loc(mu), zero up to mu_s (2.7), and its derivative."""
+        """Return I_loc(mu) = (mu - mu_s)/b, zero up to mu_s (2.7), and its derivative."""
         flowing = mu > self.mu_s
         return np.where(flowing, mu - self.mu_s, 0.0) / self.b, flowing / self.b
 
     def inverse_length_squared(self, mu):
-        """Return A^2 d^2/xi^2 of (2.8a) and its derivative."""
+        """Return A^2 d^2/xi^2 = |mu - mu_s| of (2.8a) and its derivative."""
         return np.abs(mu - self.mu_s), np.sign(mu - self.mu_s)
 
     def elastic_stress_ratio(self, gdot, s, compliance):

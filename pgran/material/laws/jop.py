@@ -4,15 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import I_0, MU_2, MU_S, B, Law, slope_of_jop
+from . import I_0, MU_2, MU_S, B, Law, resolve_jop
 
 
 @dataclass(frozen=True)
 class Jop(Law):
     """mu_loc = mu_s + (mu_2 - mu_s)/(I_0/I + 1), I_0 = (mu_2 - mu_s)/b, equation (1.3).
 
-    At mu >= mu_2 there is no I_loc: the result is not a number, which a solver
-    sees as a failed evaluation.
+    I_loc is NaN at mu >= mu_2, and the solver then reduces the step.
     """
 
     mu_s: object
@@ -20,11 +19,11 @@ class Jop(Law):
     b: object
 
     options = MU_S, MU_2, B, I_0
-    resolve = classmethod(slope_of_jop)
+    resolve = classmethod(resolve_jop)
 
     @classmethod
     def of(cls, parameters):
-        """Return the law; where I_0 is given it sets b."""
+        """Return the law; I_0, if set, determines b."""
         p = parameters
         return cls(p.mu_s, p.mu_2, p.b if p.I_0 is None else (p.mu_2 - p.mu_s) / p.I_0)
 
@@ -45,7 +44,7 @@ class Jop(Law):
         return self.mu_s + rise * fraction, rise * self.I_0 / (self.I_0 + I)**2
 
     def inertial_number(self, mu):
-        """Return I_loc(mu), zero up to mu_s (2.7), and its derivative."""
+        """Return I_loc(mu) = I_0 (mu - mu_s)/(mu_2 - mu), zero up to mu_s, and its derivative."""
         flowing = mu > self.mu_s
         gap = np.where(mu < self.mu_2, self.mu_2 - mu, np.nan)
         value = self.I_0 * (mu - self.mu_s) / gap
@@ -53,7 +52,7 @@ class Jop(Law):
         return np.where(flowing, value, 0.0), np.where(flowing, slope, 0.0)
 
     def inverse_length_squared(self, mu):
-        """Return A^2 d^2/xi^2 of (2.8b) and its derivative."""
+        """Return A^2 d^2/xi^2 = (mu_2 - mu_s) |mu - mu_s|/(mu_2 - mu) (2.8b), its derivative."""
         rise = self.mu_2 - self.mu_s
         gap = np.where(mu < self.mu_2, self.mu_2 - mu, np.nan)
         excess = np.abs(mu - self.mu_s)

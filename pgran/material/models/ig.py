@@ -1,4 +1,4 @@
-"""The inertial-number-gradient model (IG), equation (5.1), which only the linear theory knows."""
+"""The inertial-number-gradient model (IG), equation (5.1); linear theory only."""
 
 from dataclasses import dataclass
 
@@ -16,5 +16,5 @@ class IG(Model):
     solved = False
 
     def response(self, law, s, gdot, P, g, theta):
-        """Raise NotImplementedError: the model has no well-posed flow to be computed."""
-        raise NotImplementedError("the IG model is known to the linear theory only")
+        """Raise NotImplementedError: the model is ill-posed."""
+        raise NotImplementedError("the model ig is implemented in the linear theory only")

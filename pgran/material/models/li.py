@@ -9,7 +9,7 @@ from . import AMPLITUDE, Model, Response, WithDerivatives
 
 @dataclass(frozen=True)
 class LI(Model):
-    """The local inertial rheology; ``A`` only gives the unit of wave vectors."""
+    """The local inertial rheology; ``A`` is only the unit of wave vectors."""
 
     A: float
 

@@ -6,9 +6,8 @@ import numpy as np
 
 from . import AMPLITUDE, Model, Response, WithDerivatives
 
-#: F vanishes because of mu = mu_s where |mu - mu_s| is below this share of mu_loc(I) - mu_s. At a
-#: spurious root a converged solution has 1e-6 or less; elements through which mu = mu_s passes
-#: exceed a hundredth unless they are much smaller than d.
+#: Largest |mu - mu_s|/(mu_loc(I) - mu_s) at a spurious root, where converged solutions have 1e-6.
+#: Elements that contain mu = mu_s have more than 0.01 unless they are much smaller than d.
 AT_YIELD = 0.01
 
 
@@ -29,13 +28,9 @@ class NGF(Model):
         return self.A**2
 
     def response(self, law, s, gdot, P, g, theta):
-        """Return the `Response` with the elastic return.
+        """Return the `Response` with the elastic return and F of `source`.
 
-        ::
-
-            sigma' = 2 P/(g + theta P) D~,    mu = gdot~/(g + theta P)
-
-        and F of `source`.
+        sigma' = 2 P/(g + theta P) D~ and mu = gdot~/(g + theta P).
         """
         total = 1.0 / (g + theta * P)
         mu = gdot * total
@@ -45,7 +40,7 @@ class NGF(Model):
             stress_ratio=mu,
             inertial_number=g * mu / s,
             fluidity=g,
-            # mu falls by theta mu total as P rises by one, and by mu total as g does.
+            # d mu/dP = -theta mu total and d mu/dg = -mu total
             source=WithDerivatives(
                 source.value,
                 rate=source.rate * total,
@@ -53,56 +48,39 @@ class NGF(Model):
                 fluidity=source.fluidity - source.rate * mu * total))
 
     def source(self, law, s, mu, P, g):
-        """Return F and its derivatives at points.
+        """Return F of (2.5)-(2.8) at points, gdot0, as `WithDerivatives`.
 
-        ::
-
-            F = (A^2 d^2/xi^2) (g - g_loc),   g_loc = s I_loc(mu)/mu             (2.5)-(2.8)
-
-        Parameters
-        ----------
-        law, s, P, g
-            As for `response`.
-        mu : ndarray, (points, n)
-            Stress ratio.
-
-        Returns
-        -------
-        WithDerivatives
-            In gdot0. Its ``rate`` is the derivative with respect to mu; that with respect to P
-            counts the change of s. Each derivative holds the other two of mu, P and g.
+        F = (A^2 d^2/xi^2) (g - g_loc) with g_loc = s I_loc(mu)/mu. The derivatives are partial ones
+        with respect to mu (``rate``), P and g; the derivative with respect to P includes s.
         """
         stiffness, slope = law.inverse_length_squared(mu)
-        lag = self.fluidity_excess(law, s, mu, P, g)
-        return WithDerivatives(stiffness * lag.value,
-                        rate=slope * lag.value + stiffness * lag.rate,
-                        pressure=stiffness * lag.pressure,
-                        fluidity=stiffness)
+        excess = self.fluidity_excess(law, s, mu, P, g)
+        return WithDerivatives(stiffness * excess.value,
+                               rate=slope * excess.value + stiffness * excess.rate,
+                               pressure=stiffness * excess.pressure,
+                               fluidity=stiffness)
 
     def curvature(self, law, s, mu, P, g):
         """Return the second derivative of F with respect to mu, (points, n), gdot0.
 
-        It is 2 (A^2 d^2/xi^2)' (g - g_loc)', the part that does not vanish at mu_s.
+        It is 2 (A^2 d^2/xi^2)' (g - g_loc)'; the other terms vanish at mu_s.
         """
         return 2.0 * law.inverse_length_squared(mu)[1] * self.fluidity_excess(law, s, mu, P, g).rate
 
     def spurious_root(self, law, mu, I):
         """Return mu_loc(I) - mu_s where F vanishes because mu = mu_s, and zero elsewhere.
 
-        There A^2 d^2/xi^2 = 0, so that F = 0 at any g. Equation (2.5) itself does not admit
-        mu = mu_s and g > 0 unless lap g differs from zero nearby.
+        There A^2 d^2/xi^2 = 0 and F = 0 for any g, although (2.5) excludes mu = mu_s with g > 0
+        unless lap g differs from zero nearby.
         """
         excess = law.stress_ratio(I)[0] - law.yield_ratio
         return np.where(np.abs(mu - law.yield_ratio) < AT_YIELD * excess, excess, 0.0)
 
     def fluidity_excess(self, law, s, mu, P, g):
-        """Return g - g_loc and its derivatives at points, as `source` returns F.
-
-        Walls of local fluidity hold it at zero.
-        """
+        """Return g - g_loc and its derivatives, as `source`."""
         I_loc, slope = law.inertial_number(mu)
-        # I_loc is zero below the yield ratio, so this changes no value.
+        # I_loc is zero below the yield ratio, so the result is the same.
         positive = np.maximum(mu, law.yield_ratio)
         ratio = I_loc / positive
         return WithDerivatives(g - s * ratio, rate=-s * (slope - ratio) / positive,
-                        pressure=-ratio * s / (2.0 * P), fluidity=np.ones_like(mu))
+                               pressure=-ratio * s / (2.0 * P), fluidity=np.ones_like(mu))

@@ -1,4 +1,4 @@
-"""The primitive form of NGF: its fluidity takes time, and vanishes where the material rests."""
+"""Dynamic NGF, whose fluidity relaxes in time."""
 
 from dataclasses import dataclass
 
@@ -8,90 +8,81 @@ from ...options import BOTH, Option, ParameterError, positive
 from . import WithDerivatives
 from .ngf import NGF
 
-#: Inertial numbers at which a law is checked, and by how much it may differ, relatively.
+#: Inertial numbers at which the length of a law is checked, and the relative tolerance.
 CHECKED, ROUNDING = np.array([1e-3, 1e-2, 1e-1]), 1e-6
 
 
 @dataclass(frozen=True)
 class NGFPrimitive(NGF):
-    """Non-local granular fluidity in its primitive, dynamic form.
+    """Dynamic non-local granular fluidity ("primitive" in the paper).
 
     ::
 
         t0 dg/dt = A^2 d^2 lap g - F
         F = K g + b sqrt(d^2 rho_s/P) mu g^2,    K = (A^2 d^2/xi^2) sign(mu_s - mu)
 
-    Here b is the slope of mu_loc at I = 0. The stress is that of `NGF`. K and F are smooth in mu
-    at mu_s, and g = 0 is a solution at every mu. Above mu_s, F = (b mu g/s) (g - g_loc). The
-    uniform steady state is therefore g_loc of `NGF`, and about it both forms have the same
-    linearised F. This holds if A^2 d^2/xi^2 = b I_loc above mu_s, which `resolve` checks.
+    Here b is the slope of mu_loc at I = 0. The stress is the same as in `NGF`. K and F are smooth
+    in mu at mu_s, and g = 0 is a solution for every mu. Above mu_s, F = (b mu g/s) (g - g_loc), so
+    the uniform steady state is g_loc of `NGF`, where both forms have the same linearised F. This
+    requires A^2 d^2/xi^2 = b I_loc above mu_s, which `resolve` checks.
 
-    g never becomes negative, but its approximation may, by an undershoot or by what Newton's method
-    leaves, where the material rests. Above mu_s this F would then drive g to minus infinity. For
-    g < 0 it is therefore F = (A^2 d^2/xi^2) g - b sqrt(d^2 rho_s/P) mu g^2, which returns g to 0
-    and has a kink there above mu_s.
+    g >= 0, but the discrete g may be slightly negative where the material is static. Above mu_s
+    this F would then drive g to minus infinity. For g < 0 it is therefore replaced by
+    F = (A^2 d^2/xi^2) g - b sqrt(d^2 rho_s/P) mu g^2, which returns g to 0.
 
-    Attributes
-    ----------
-    relaxation_time : float
-        t0, 1/gdot0.
-    start_fluidity : float
-        As `Model` has it.
+    ``relaxation_time`` is t0, 1/gdot0, and ``start_fluidity`` is explained in `Model`.
     """
 
     relaxation_time: float
     start_fluidity: float = 1.0
 
     options = (*NGF.options,
-            positive("relaxation_time", None, "1/gdot0", "time t0 in which the fluidity relaxes; "
-                     "the inertial time of the grains at the reference pressure, which is the "
-                     "inertial number in these units, unless given", "t0 dg/dt", shared=BOTH),
-            Option("start_fluidity", "float", 1.0, "", "fluidity from which a run in time starts, "
-                   "over that of the reference flow; without any the material rests for ever",
-                   low=0.0))
+               positive("relaxation_time", None, "1/gdot0", "relaxation time t0 of the fluidity; "
+                        "default: the inertial time of the grains at the reference pressure, which "
+                        "is the inertial number in these units", "t0 dg/dt", shared=BOTH),
+               Option("start_fluidity", "float", 1.0, "", "initial fluidity of a transient run "
+                      "over the fluidity of the reference flow; with 0 the material remains static",
+                      low=0.0))
     theory = "ngf_primitive"
 
     @classmethod
-    def resolve(cls, parameters, given):
-        """Fill in t0, and refuse a law whose cooperativity length is not that of (2.8).
-
-        Raises `pgran.options.ParameterError`.
-        """
+    def resolve(cls, parameters, names):
+        """Set the default of t0; `ParameterError` for a cooperativity length other than (2.8)."""
         if parameters.relaxation_time is None:
             parameters.relaxation_time = parameters.inertial_number
         law = parameters.part("law").of(parameters)
         if law.inverse_length_squared is None:
-            return  # whoever uses the length refuses the law
+            return  # such a law is refused where the length is used
         stiffness, _ = law.inverse_length_squared(law.stress_ratio(CHECKED)[0])
         if not np.allclose(stiffness, _slope_at_rest(law, CHECKED) * CHECKED, rtol=ROUNDING):
-            raise ParameterError("model", parameters.model, f"@law {parameters.law} has another "
-                                 "A^2 d^2/xi^2 than b I_loc, so that its uniform flow would not "
-                                 "have the fluidity g_loc; allowed is ngf")
+            raise ParameterError("model", parameters.model, f"A^2 d^2/xi^2 of @law "
+                                 f"{parameters.law} differs from b I_loc, so uniform flow would "
+                                 "not have the fluidity g_loc; must be ngf")
 
     @property
     def storage(self):
-        """t0 of the fluidity."""
+        """Coefficient t0 of dg/dt."""
         return {"fluidity": self.relaxation_time}
 
     def curvature(self, law, s, mu, P, g):
-        """Return zero: this F has no double root."""
+        """Return 0: this F has no double root."""
         return 0.0
 
     def spurious_root(self, law, mu, I):
-        """Return zeros: at mu_s this F is positive."""
+        """Return 0: this F has no spurious root."""
         return np.zeros_like(mu)
 
     def source(self, law, s, mu, P, g):
         """Return F and its derivatives at points, as `NGF.source`."""
-        # The inverse length has a kink at mu_s and no slope there; K takes the one from above.
-        beside = np.where(mu == law.yield_ratio, np.nextafter(law.yield_ratio, np.inf), mu)
-        sign = np.where(g < 0.0, 1.0, np.sign(law.yield_ratio - beside))
-        K, K_slope = (sign * part for part in law.inverse_length_squared(beside))
+        # The inverse length has a kink at mu_s: use its slope above.
+        mu_above = np.where(mu == law.yield_ratio, np.nextafter(law.yield_ratio, np.inf), mu)
+        sign = np.where(g < 0.0, 1.0, np.sign(law.yield_ratio - mu_above))
+        K, K_slope = (sign * part for part in law.inverse_length_squared(mu_above))
         drag = _slope_at_rest(law, mu) * np.abs(g) / s
         return WithDerivatives(g * (K + drag * mu),
-                        rate=g * (K_slope + drag),
-                        pressure=-g * drag * mu / (2.0 * P),
-                        fluidity=K + 2.0 * drag * mu)
+                               rate=g * (K_slope + drag),
+                               pressure=-g * drag * mu / (2.0 * P),
+                               fluidity=K + 2.0 * drag * mu)
 
 
 def _slope_at_rest(law, like):
