@@ -1,11 +1,11 @@
-r"""The first linear system of a time step, over sizes of the step: iterations.
+r"""Iterations for the first linear system of time steps of several sizes.
 
     mpiexec -n 2 python -m studies.systems -options_file options/biaxial.opts \
         -pgran_inertia -ksp_rtol 1e-6 -from results/biaxial.h5 -snapshot 1 -dt 1e-8,1e-6,1e-4
 
-The state of a snapshot is taken to this mesh as `studies.one_step` does. From there Newton's
-method starts a step of each size, and its first system is solved. Rank 0 prints one line of JSON:
-the iterations, or nothing (null) where the solver did not converge. PETSc's options hold.
+The state of a snapshot is interpolated to this mesh. For each size of a step the first system of
+Newton's method is solved. Rank 0 prints one line of JSON: the iterations, or null if the solver did
+not converge.
 """
 
 import json
@@ -13,65 +13,41 @@ import sys
 
 from pgran.cli import command_option, start
 
-from .one_step import SNAPSHOT
+from .transfer import SNAPSHOT
 
 OPTIONS = (
     *SNAPSHOT,
-    command_option("dt", "floats", "sizes of the step", (1e-3,), unit="1/gdot0", low=0.0, open_low=True))
+    command_option("dt", "floats", "time steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True))
 
 
-def systems(parameters, comm, path, number, steps):
-    """Solve one linear system for each size of a step; return its iterations. Collective.
+def iterations(parameters, comm, path, number, steps):
+    """Return the iterations for each step, 1/gdot0, or None where the solver diverges. Collective.
 
-    Parameters
-    ----------
-    parameters : pgran.options.Parameters
-    comm : PETSc.Comm
-    path, number
-        File and snapshot, as for `studies.transfer.interpolated`.
-    steps : sequence of float
-        Sizes, 1/gdot0.
-
-    Returns
-    -------
-    list of int or None
-        None where the solver did not converge.
+    ``path`` and ``number`` are the file and the snapshot.
     """
-    driver = start_of_steps(parameters, comm, path, number, steps)
-    change, found = driver.grid.create_vector(), []
-    for dt in steps:
-        ksp, right = first_system(driver, dt)
-        ksp.solve(right, change)
-        found.append(ksp.getIterationNumber() if ksp.getConvergedReason() > 0 else None)
-    return found
-
-
-def start_of_steps(parameters, comm, path, number, steps):
-    """Return the `pgran.solve.driver.Driver` that starts the ``steps`` of `systems`. Collective."""
     from pgran.solve.driver import Driver
     from pgran.space.weakform import discretise
 
     from .transfer import interpolated
 
     form = discretise(parameters.replace(step_first=min(steps), step_min=min(steps)), comm)
-    return Driver(form, interpolated(form, path, number), lambda *_: None, targets=[])
-
-
-def first_system(driver, dt):
-    """Return the KSP and the right-hand side of the first system of a step. Collective."""
-    form, state, increment = driver.form, driver.state, driver.time_step(dt).increment
-    local, _ = state.extrapolated(dt)
-    right = form.grid.create_vector()
-    right.setArray(form.residual(local, (local - state.local) / dt, increment))
-    driver.fill(local, 1.0 / dt, increment, driver.matrix, driver.matrix)
+    state = interpolated(form, path, number)
+    driver = Driver(form, state, lambda *_: None, targets=[])
     ksp = driver.ts.getSNES().getKSP()
-    ksp.setOperators(driver.matrix)
-    return ksp, right
+    change, right, found = form.grid.create_vector(), form.grid.create_vector(), []
+    for dt in steps:
+        increment, (local, _) = driver.time_step(dt).increment, state.extrapolated(dt)
+        right.setArray(form.residual(local, (local - state.local) / dt, increment))
+        driver.fill(local, 1.0 / dt, increment, driver.matrix, driver.matrix)
+        ksp.setOperators(driver.matrix)
+        ksp.solve(right, change)
+        found.append(ksp.getIterationNumber() if ksp.getConvergedReason() > 0 else None)
+    return found
 
 
-def action(parameters, asked, comm):
-    """Answer the command line. Collective."""
-    found = systems(parameters, comm, getattr(asked, "from"), asked.snapshot, asked.dt)
+def action(parameters, args, comm):
+    """Solve the systems and print the iterations. Collective."""
+    found = iterations(parameters, comm, getattr(args, "from"), args.snapshot, args.dt)
     if comm.rank == 0:
         print(json.dumps(found), flush=True)
 

@@ -1,0 +1,105 @@
+"""Common functions of the studies: runs, commands, tables and figures."""
+
+import json
+import os
+import platform
+import re
+import subprocess
+from contextlib import contextmanager
+from datetime import date
+from functools import lru_cache
+from pathlib import Path
+
+from pgran import __version__, cases
+from pgran.runs import run_on_ranks
+from pgran.runs.table import COST, Table, cost, result_file
+
+__all__ = ["COST", "Table", "cost", "result_file"]
+
+#: Error of a command that fails.
+CommandError = subprocess.CalledProcessError
+#: Directory of the generated pages and figures.
+DOCS = Path(os.environ.get("PGRAN_DOCS", "docs"))
+
+
+def run(path, name, *options, **how):
+    """Run pgran with options/NAME.opts unless that is done; see `pgran.runs.run_on_ranks.run`."""
+    return run_on_ranks.run(path, f"options/{name}.opts", *run_on_ranks.QUIET, *options, **how)
+
+
+def json_of(ranks, module, *arguments, **how):
+    """Run ``python -m module`` on ranks (0: without mpiexec); return the JSON that it prints."""
+    return json.loads(run_on_ranks.python(ranks, "-m", module, *arguments, stdout=subprocess.PIPE,
+                                          text=True, **how).stdout)
+
+
+def parameters(name, *options):
+    """Return the `pgran.options.Parameters` of options/NAME.opts (or None) and further options."""
+    file = f"options/{name}.opts" if name else None
+    return cases.read(run_on_ranks.combined_options(file, *options))
+
+
+def write_table(path, columns, rows):
+    """Write a table to a CSV file row by row, and when complete to docs/generated; return its rows.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV file. Its stem is the name of the Markdown file.
+    columns : dict
+        Titles, and formats of the numbers, as for `pgran.runs.table.Table`.
+    rows : iterable of sequence
+        Values of the columns. A shorter row is a note: texts about a run that failed.
+
+    Raises
+    ------
+    SolutionError
+        If all runs failed.
+    """
+    table, rows_written = Table(path, columns), []
+    lines = [list(columns), ["---"] * len(columns)]
+    for row in rows:
+        (table.row if len(row) == len(columns) else table.note)(*row)
+        cells = [*row, *[None] * (len(columns) - len(row))]
+        lines.append([str(cell or "-") if isinstance(cell, (str, type(None)))
+                      else format(cell, form) for cell, form in zip(cells, columns.values())])
+        rows_written.append(row)
+    table.close()
+    write_page(path.stem, "\n".join(f"| {' | '.join(line)} |" for line in lines))
+    return rows_written
+
+
+def write_page(name, text):
+    """Write a text to docs/generated/NAME.md with a stamp of versions, machine and date."""
+    page = DOCS / "generated" / f"{name}.md"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text(f"{text}\n\n{stamp()}\n")
+    print(f"{page}\n")
+
+
+@lru_cache
+def stamp():
+    """Return versions, machine and date as one line."""
+    code = "from petsc4py import PETSc; print(*PETSc.Sys.getVersion(), sep='.')"
+    petsc = run_on_ranks.python(0, "-c", code, stdout=subprocess.PIPE, text=True).stdout.strip()
+    info = Path("/proc/cpuinfo")
+    found = re.search(r"model name\s*: (.*)", info.read_text() if info.exists() else "")
+    machine = found.group(1) if found else platform.machine()
+    return (f"pgran {__version__}, PETSc {petsc}, {machine} ({os.cpu_count()} cores), "
+            f"{date.today():%Y-%m-%d}")
+
+
+@contextmanager
+def figure(name, *shape, **options):
+    """Provide a figure and axes of matplotlib, and save them to docs/figures/NAME.png."""
+    import matplotlib
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    fig, axes = plt.subplots(*shape, constrained_layout=True, **options)
+    yield fig, axes
+    path = DOCS / "figures" / f"{name}.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fig.savefig(path, dpi=130)
+    plt.close(fig)
+    print(path)
