@@ -34,9 +34,6 @@ STRICT = ("-pgran_step_error", 0.01, "-snes_atol", 1e-7, "-ksp_rtol", 1e-4,
 EXACT = "-ksp_rtol", 1e-6, "-ksp_max_it", 200, "-ksp_gmres_restart", 200
 MUMPS = ("-dm_mat_type", "aij", "-ksp_type", "preonly", "-pc_type", "lu",
          "-pc_factor_mat_solver_type", "mumps")
-#: Width and height, d, with 4800 elements of 1 d per rank.
-SHAPES = {1: (40, 120), 2: (40, 240), 4: (80, 240), 8: (80, 480), 16: (160, 480), 64: (320, 960),
-          256: (640, 1920)}
 #: Time limit of a step, s.
 LIMIT = 1800
 
@@ -169,10 +166,11 @@ def size(sizes="2 1 0.5", ranks="1 2 3 4", mumps=None, *, options=()):
 
 
 def weak(ranks="1 2 4", *, options=()):
-    """Weak scaling: 30 steps from rest with 4800 elements per rank."""
+    """Weak scaling: 30 steps from rest, 4800 elements per rank if the ranks are powers of 2."""
     def rows():
         for count in map(int, ranks.split()):
-            width, height = SHAPES[count]
+            doublings = count.bit_length() - 1
+            width, height = 40 * 2**(doublings // 2), 120 * 2**((doublings + 1) // 2)
             took = study.run(BENCH / f"weak_{count}.h5", "biaxial", *options, "-pgran_width",
                              width, "-pgran_height", height, "-pgran_element_size", 1,
                              "-ts_max_steps", 30, *EXACT, ranks=count).attributes
