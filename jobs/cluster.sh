@@ -10,7 +10,7 @@
 # run is one run. chain asks to be queued again before its time ends, as often as it needs, and goes
 # on from its last checkpoint: the answer is that of one long run. sweep is a job array over the
 # points of a script that calls pgran.sweep (docs/examples/sweep.py). scaling is
-# jobs/bench/weak.sh on 1, 2, 4, ... ranks. job is any script of jobs/.
+# jobs/study.sh bench weak on 1, 2, 4, ... ranks. job is any script of jobs/.
 #
 # The script is written to the present folder: pgran-KIND-NAME.slurm or pgran-KIND-NAME.pbs, where NAME
 # is that of the result file, or of SCRIPT.py or jobs/NAME.sh. The result file of run and chain is
@@ -69,11 +69,12 @@ case $kind in
     scaling)
         list="" count=1
         while ((count <= ranks)); do list+="$count " count=$((2 * count)); done
-        body="bash jobs/bench/weak.sh \"${list% }\""
+        body="bash jobs/study.sh bench weak \"${list% }\""
         ;;
     job)
         (($# >= 3)) || usage "job: HOURS MEMORY_GB jobs/NAME.sh are needed"
         hours=$1 memory=$2 name+=-$(basename "$3" .sh)
+        [[ $3 != */study.sh ]] || name+=-${*:4:2}
         printf -v body ' %q' "${@:3}"
         body="bash$body"
         ;;

@@ -17,7 +17,7 @@ SMALL = ("-pgran_width", "8", "-pgran_height", "24", "-pgran_element_size", "2",
 KINDS = {"run": ["2", "options/biaxial.opts", "-pgran_element_size", "1"],
          "chain": ["2", "options/biaxial.opts", "-pgran_element_size", "1"],
          "sweep": ["1", "docs/examples/sweep.py", "4", "1", "2"], "scaling": ["8"],
-         "job": ["8", "2", "12", "jobs/fig6.sh", "2 1 0.5 0.25"]}
+         "job": ["8", "2", "12", "jobs/study.sh", "section4", "fig6", "2 1 0.5 0.25"]}
 
 
 def made(folder, *arguments, check=True, **more):
@@ -39,14 +39,15 @@ def folder(tmp_path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_script_is_valid_and_has_its_budget(folder, system, kind):
     made(folder, system, kind, *KINDS[kind])
-    name = {"scaling": "", "sweep": "-sweep", "job": "-fig6"}.get(kind, "-biaxial")
+    name = {"scaling": "", "sweep": "-sweep", "job": "-study-section4_fig6"}.get(kind, "-biaxial")
     text = (folder / f"pgran-{kind}{name}.{system}").read_text()
     subprocess.run(["bash", "-n"], input=text, text=True, check=True)
     ranks = KINDS[kind][0]
     assert re.search(rf"# Budget: {ranks} ranks, \d+:00:00 hours, \d+ GB\.", text)
     directive = "#SBATCH" if system == "slurm" else "#PBS"
     wanted = {"chain": "--preserve-status --signal=USR1", "sweep": "0-3", "run": "launch results",
-              "scaling": 'weak.sh "1 2 4 8"', "job": r"jobs/fig6.sh 2\ 1\ 0.5\ 0.25"}
+              "scaling": 'study.sh bench weak "1 2 4 8"',
+              "job": r"jobs/study.sh section4 fig6 2\ 1\ 0.5\ 0.25"}
     assert directive in text and wanted[kind] in text
     assert ("qsub" if system == "pbs" else "scontrol requeue") in text or kind != "chain"
 

@@ -108,6 +108,6 @@ def test_an_option_that_would_be_ignored_is_refused(command, given, message, tmp
 
 def test_an_options_file_of_multigrid_after_one_of_mumps_gives_no_note(tmp_path):
     done = run_ranks(0, "-m", "pgran", "-options_file", ROOT / "options" / "planar_shear.opts",
-                     "-options_file", ROOT / "options" / "flows_mg.opts", "-pgran_height", 4,
+                     "-options_file", ROOT / "options" / "solver_mg_fixed.opts", "-pgran_height", 4,
                      "-pgran_output", tmp_path / "x.h5", limit=60)
     assert "nothing has read" not in done.stderr

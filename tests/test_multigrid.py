@@ -194,7 +194,7 @@ def test_a_coarse_grid_for_all_fields_keeps_the_iterations_of_a_large_specimen_f
 
 
 def test_iterations_with_a_coarse_grid_for_all_fields_converge_in_flows_and_need_blocks(tmp_path):
-    flow = ("-options_file", ROOT / "options" / "flows_mg.opts", "-pgran_coarse_correction",
+    flow = ("-options_file", ROOT / "options" / "solver_mg_fixed.opts", "-pgran_coarse_correction",
             "true", "-pgran_element_size", 1)
     pgran(0, "planar_shear.opts", tmp_path / "x.h5", *flow, "-dm_mat_type", "nest")
     with h5py.File(tmp_path / "x.h5") as file:
@@ -290,7 +290,8 @@ def test_iterations_do_not_grow_in_flows_on_fixed_meshes(tmp_path, flow):
     """The mesh of the inclined plane is graded."""
     for size, ranks in ((1, 1), (0.5, 2)):
         path = tmp_path / f"{size}.h5"
-        pgran(ranks, f"{flow}.opts", path, "-options_file", ROOT / "options" / "flows_mg.opts",
+        pgran(ranks, f"{flow}.opts", path, "-options_file",
+              ROOT / "options" / "solver_mg_fixed.opts",
               "-pgran_element_size", size)
         with h5py.File(path, "r") as file:
             newton, linear = (file[f"history/{name}_iterations"][...]
