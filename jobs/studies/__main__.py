@@ -33,7 +33,7 @@ def load(name):
 
 
 def call(name, words):
-    """Run a study with the words of a command line; return the exit code."""
+    """Run a study with the arguments of a command line; return the exit code."""
     try:
         study = load(name)
         if any(word in HELP for word in words):

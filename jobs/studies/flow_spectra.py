@@ -48,7 +48,7 @@ def shown(rows, count=LEADING):
 def measured(result, case, rate, *options):
     """Return the rate, gdot0, of the mode of a real eigenvalue in the nonlinear solver.
 
-    ``options`` are those of the result. The error of backward Euler is corrected: it changes a rate
+    ``options`` are the options of the result. The error of backward Euler is corrected: it changes a rate
     to -ln(1 - rate dt)/dt.
     """
     result = Path(result)

@@ -12,7 +12,7 @@ from . import study
 #: Henann & Kamrin (2016): pressure of the plate over phi rho_s G d, phi, speed of the plate over
 #: sqrt(G d), height of the layer and inner radius, d.
 PLATE, PHI, SPEED, LAYER, RADIUS = 6.67, 0.62, 1e-3, 20.0, 60.0
-#: The option of the length along the flow, in which a graded mesh needs two elements.
+#: The option of the length along the flow. A graded mesh needs two elements along it.
 ALONG = {"planar_shear": "width", "inclined_plane": "width", "vertical_chute": "height"}
 LAWS, MODELS, DYNAMIC = ("bingham", "jop"), ("li", "ngf"), ("ngf_primitive",)
 FINE = 0.5, 0.25, 0.125, 0.0625

@@ -11,8 +11,7 @@ from pgran.runs import run_on_ranks
 from . import study
 
 ELEMENTS, STEP, AMPLITUDE = 16, 2e-5, 1e-3
-#: Shear moduli over |sigma_1|: almost rigid, and softer for the run in which points fall below
-#: yield.
+#: Shear moduli over |sigma_1|: almost rigid, and softer for the run to saturation.
 RIGID, SOFT = 1e8, 1e5
 #: Half the range of I over I0 between which growth is fitted.
 LINEAR = 3e-4, 3e-3

@@ -178,7 +178,7 @@ def kill(count="20", directory="results/kill"):
     A run is killed (SIGKILL to all processes) at random times and resumed on other numbers of
     ranks. Then its files meet a quota, its directory becomes read-only, and its disk (a small
     tmpfs, which needs root) is full: each fault must give one error, with the last checkpoint
-    intact. All results must equal those of an undisturbed run. Four minutes on two cores.
+    intact. All results must equal the results of an undisturbed run. Four minutes on two cores.
     """
     if not count.isdecimal():
         raise ValueError(f"number of kills {count}: must be an integer >= 0")

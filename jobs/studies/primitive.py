@@ -16,7 +16,7 @@ SHARES = None, 1e-4, 1e-3, 1e-2, 1e-1, 1.0
 STIFF = "-pgran_shear_modulus", 1e5
 #: I over I0 beyond which flow is not homogeneous.
 ONSET = 1.5
-#: End time and step over the time in which a disturbance grows by e.
+#: End time and step, over the time for growth by a factor e.
 GROWTH, RESOLVED = 16.0, 0.1
 RATES = {"t0/T": "", "t0 (1/gdot0)": ".2e", "fastest wave": ".1f", "its length (d)": ".1f",
          "specimen, analytical": ".1f", "column": ".1f", "linearised step": ".1f",
@@ -105,10 +105,10 @@ def band_rows(directory, sizes, options, curves):
 def primitive(sizes="2 1", directory="results/primitive", *, options=()):
     """Steady and dynamic NGF in the reference simulation: primitive [element sizes] [directory]
 
-    t0 is 1e-4 to 1 times T, the time in which creep buckling grows by e with steady NGF. The first
+    t0 is 1e-4 to 1 times T, the time for growth of creep buckling by e with steady NGF. The first
     table contains growth rates: of the fastest wave, of the specimen (analytical, column,
     linearised step) and of nonlinear runs with a small imperfection. The second table contains the
-    band in each snapshot. Onset is the compression from which the largest I exceeds 1.5 I0, and the
+    band in each snapshot. After the onset the largest I exceeds 1.5 I0, and the
     difference is the L2 norm of the difference of I from steady NGF at the same material points.
     A quarter of an hour on two cores.
     """

@@ -1,7 +1,6 @@
 """Runs of plane-strain compression as in section 4 of the paper, and comparisons of meshes."""
 
 import os
-import shutil
 from pathlib import Path
 
 from pgran.output import band
@@ -25,8 +24,6 @@ def section4(figure=None, sizes="2 1 0.5", *, options=()):
     the band and the cost of each run. Results go to PGRAN_RESULTS (results/section4); figures share
     runs. Half an hour on two cores; elements of d/4 need another half hour.
     """
-    from pgran.output import figures
-
     if figure not in (None, *FIGURES):
         raise ValueError(f"unknown figure {figure}; expected one of: {', '.join(FIGURES)}")
     for name in [figure] if figure else FIGURES:
@@ -39,10 +36,7 @@ def section4(figure=None, sizes="2 1 0.5", *, options=()):
             study.write_table(RESULTS / f"section4_{name}_meshes.csv",
                               {"from (d)": "", "to (d)": "", **MESHES, "order": ".2f"},
                               mesh_rows(sizes.split(), results))
-        pictures = Path("results/figures")
-        figures.draw([name], pictures, RESULTS)
-        (study.DOCS / "figures").mkdir(parents=True, exist_ok=True)
-        shutil.copy(pictures / f"{name}.png", study.DOCS / "figures")
+        study.paper_figures([name], RESULTS)
 
 
 def runs(figure, sizes, options=()):

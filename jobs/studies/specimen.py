@@ -84,7 +84,7 @@ def arguments(options, stretch=1.0):
 
 
 def analytical(options, stretch=1.0, **wave):
-    """Return the analytical growth rate with elasticity, gdot0, or None if there is none.
+    """Return the analytical growth rate with elasticity, gdot0, or None without an analytical solution.
 
     ``stretch`` as for `arguments`, ``wave`` as for `pgran.theory.specimen.growth_rate`.
     """

@@ -1,5 +1,6 @@
 """Computed and analytical spectra of homogeneous flow."""
 
+import subprocess
 from itertools import product
 from pathlib import Path
 
@@ -60,7 +61,7 @@ def spectra(directory="results", *, options=()):
 
     Spectra of pgran.eigen over the plane of wave vectors of figures 1(a) and 1(b), both laws over
     the inertial number, single wave vectors over the inertial number, and the specimen on its
-    initial mesh over its size, I0 and mesh. A quarter of an hour on two cores, mostly for the
+    initial mesh over its size, I0 and mesh. Then it draws figures 1, 2, 8 and 9. A quarter of an hour on two cores, mostly for the
     specimens of 320 d.
     """
     directory, fine = Path(directory), ("-pgran_cell_elements", 32, *options)
@@ -81,3 +82,9 @@ def spectra(directory="results", *, options=()):
         directory / "spectra_specimen.csv", {
             "I0": "", "L (d)": "d", "element (d)": "g", "unstable modes found": "d",
             "leading eigenvalues (gdot0)": ""}, specimen_rows(*options))
+    text = run_on_ranks.python(run_on_ranks.RANKS, "-m", "pgran.eigen", "-options_file",
+                               "options/eigen.opts", *options, stdout=subprocess.PIPE,
+                               text=True).stdout
+    study.write_page("eigen_periodic", f"```text\n{text}```")
+    text = study.paper_figures(["fig1", "fig2", "fig8", "fig9", "specimen"], directory)
+    study.write_page("figures_numbers", f"```text\n{text}```")

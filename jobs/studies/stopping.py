@@ -17,7 +17,7 @@ STRICT = "-ts_pseudo_fatol", 1e-13, "-snes_atol", 1e-14, "-snes_rtol", 1e-8
 ELEMENTS = 24
 #: Heights over H_stop of flowing and of static layers.
 FLOWING, STATIC = (1.02, 1.04, 1.06, 1.08), (0.95, 1.05)
-#: Time in which the static layer may deform elastically, 1/gdot0. The eigenvalue does not depend on
+#: Time for elastic deformation of the static layer, 1/gdot0. The eigenvalue does not depend on
 #: it, but rounding errors of a very stiff layer would hide it.
 SOFT = 0.01
 #: Shear modulus, phi rho_s G d, so large that rotation of the stress does not affect mu.
@@ -25,7 +25,7 @@ RIGID = 1e5
 #: Relaxation time, 1/gdot0; slopes, heights over H_stop and end (1/gdot0) of transient runs. The
 #: rate near H_stop is (A d/xi)^2 (1 - (H_stop/H)^2)/t0, so the end is late.
 TIME, FOLLOWED, SHARES, END = 1.0, (24, 28), (0.9, 0.98, 1.02, 1.1), 10000
-#: Initial fluidity over that of the reference flow: almost static, and flowing.
+#: Initial fluidity over the fluidity of the reference flow: almost static, and flowing.
 STARTS = 1e-6, 1.0
 FILE = "inclined_plane"
 
@@ -41,8 +41,8 @@ def layer(slope, height, *options):
 def end_of_flow(directory, slope, known, *options):
     """Return the height, d, at which the fluidity of steady flow vanishes, and the largest error.
 
-    The height is a polynomial of the largest fluidity through the heights `FLOWING`. The error is
-    that of velocity, over its maximum.
+    The height is a polynomial of the largest fluidity through the heights `FLOWING`. The error
+    is the error of velocity over its maximum.
     """
     largest, error = [], []
     for share in FLOWING:

@@ -1,11 +1,13 @@
 """Common functions of the studies: runs, commands, tables and figures."""
 
+import io
 import json
 import os
 import platform
 import re
+import shutil
 import subprocess
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from datetime import date
 from functools import lru_cache
 from pathlib import Path
@@ -87,6 +89,20 @@ def stamp():
     machine = found.group(1) if found else platform.machine()
     return (f"pgran {__version__}, PETSc {petsc}, {machine} ({os.cpu_count()} cores), "
             f"{date.today():%Y-%m-%d}")
+
+
+def paper_figures(names, results):
+    """Draw figures of the paper, copy them to docs/figures, and return their numbers as text."""
+    from pgran.output import figures
+
+    pictures, text = Path("results/figures"), io.StringIO()
+    with redirect_stdout(text):
+        figures.draw(names, pictures, results)
+    (DOCS / "figures").mkdir(parents=True, exist_ok=True)
+    for name in names:
+        shutil.copy(pictures / f"{name}.png", DOCS / "figures")
+    print(text.getvalue())
+    return text.getvalue()
 
 
 @contextmanager
