@@ -48,8 +48,7 @@ def shown(rows, count=LEADING):
 def measured(result, case, rate, *options):
     """Return the rate, gdot0, of the mode of a real eigenvalue in the nonlinear solver.
 
-    ``options`` are the options of the result. The error of backward Euler is corrected: it changes a rate
-    to -ln(1 - rate dt)/dt.
+    Backward Euler changes a rate to -ln(1 - rate dt)/dt, which is corrected.
     """
     result = Path(result)
     mode = result.with_name(f"{result.stem}_mode.h5")

@@ -45,10 +45,7 @@ COLUMNS = {"flow": "", "law": "", "model": "", "element (d)": ".4g", "velocity":
 
 
 def errors(path):
-    """Return the maximum errors of velocity and fluidity in the last snapshot, over their maxima.
-
-    The reference is the profile of the case. Raises ValueError if it has no profile.
-    """
+    """Return the maximum errors of velocity and fluidity at the end, over their maxima."""
     case, last = Result(path).case, Result(path).snapshots[-1]
     x, v = (np.moveaxis(part, 2, 0) for part in (last.x, last["velocity"]))
     velocity, fluidity, _, _ = case.steady(case.profile(), x)

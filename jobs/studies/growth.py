@@ -27,10 +27,7 @@ COLUMNS = {"elements": "d", "G": "g", "eigenvalue": ".3f", "growth": ".3f",
 
 
 def eigenmode(path, elements, *options):
-    """Return the growth rate (gdot0) of the fastest mode, and the options of its file as texts.
-
-    pgran.eigen writes the mode to ``path`` unless the file exists.
-    """
+    """Return the growth rate (gdot0) of the fastest mode, and the options of its file as texts."""
     options = ("-pgran_cell_elements", elements, *options)
     if not run_on_ranks.holds(path, study.parameters("eigen", *options),
                               (*run_on_ranks.IGNORED, *SET_BY_EIGEN)):

@@ -40,10 +40,7 @@ def steps(path):
 
 
 def difference(path, reference):
-    """Return the largest difference of fields of two results, over the maximum of each field.
-
-    Raises SolutionError if snapshots or histories do not correspond, or beyond `TOLERANCE`.
-    """
+    """Return the largest difference of fields of two results, over the maximum of each field."""
     with h5py.File(path, "r") as mine, h5py.File(reference, "r") as theirs:
         times = [file["history/time"][...] for file in (mine, theirs)]
         if times[0].shape != times[1].shape or np.any(np.diff(times[0]) <= 0.0):
@@ -110,16 +107,8 @@ def kills(count, directory):
     print(f"  {count} kills: difference {difference(path, reference):.1e}")
 
 
-def mount(*words):
-    """Mount or unmount; raises subprocess.CalledProcessError on failure."""
-    subprocess.run(words, check=True, capture_output=True)
-
-
 def fault(name, path, reference, inject, repair, prefix=()):
-    """Inject a fault into a run to ``path``, repair it, and resume; print the difference.
-
-    ``inject(process)`` is called after two checkpoints. ``prefix`` precedes the command.
-    """
+    """Inject a fault into a run to ``path``, repair it, and resume; print the difference."""
     line, environment = run_on_ranks.command(2, *arguments(path))
     with subprocess.Popen([*prefix, *line], env=environment, stderr=subprocess.PIPE, text=True,
                           start_new_session=True) as process:
@@ -140,17 +129,13 @@ def fault(name, path, reference, inject, repair, prefix=()):
           f"difference after the restart {difference(path, reference):.1e}", flush=True)
 
 
-def set_quota(number):
-    """Limit the size of files of a process to `QUOTA`."""
-    resource.prlimit(number, resource.RLIMIT_FSIZE, (QUOTA, QUOTA))
-
-
 def faults(directory):
     """Let a run exceed a quota, lose write access to its directory, and fill its disk."""
     reference, root = directory / "whole.h5", not os.geteuid()
     with tempfile.TemporaryDirectory() as folder:
         fault("quota", Path(folder) / "run.h5", reference,
-              lambda process: run_on_ranks.for_processes(process, set_quota), lambda: None)
+              lambda process: run_on_ranks.for_processes(process, lambda number: resource.prlimit(
+                  number, resource.RLIMIT_FSIZE, (QUOTA, QUOTA))), lambda: None)
     with tempfile.TemporaryDirectory() as folder:  # of another user, because root can always write
         os.chmod(folder, 0o777)
         user = ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups")
@@ -164,6 +149,10 @@ def faults(directory):
         return
     disk = (directory / "disk").resolve()
     disk.mkdir(exist_ok=True)
+
+    def mount(*words):
+        subprocess.run(words, check=True, capture_output=True)
+
     mount("mount", "-t", "tmpfs", "-o", f"size={SMALL}", "tmpfs", str(disk))
     try:
         fault("full disk", disk / "run.h5", reference, lambda process: None,

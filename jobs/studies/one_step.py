@@ -3,10 +3,10 @@ r"""Cost of one time step from the state of a snapshot, for each linear system.
     mpiexec -n 2 python -m studies.one_step -options_file options/biaxial.opts \
         -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 -dt 1e-3 [-name text]
 
-The fields of the snapshot are interpolated to this mesh, whose elements must divide the
-elements of the snapshot. Rank 0 prints one line of JSON: for each Newton iteration the norm of the residual, the
-linear iterations, and the seconds of the iteration, the Jacobian and the residuals; and the peak
-memory of the ranks.
+The fields of the snapshot are interpolated to this mesh, whose elements must divide the elements of
+the snapshot. Rank 0 prints one line of JSON: for each Newton iteration the norm of the residual,
+the linear iterations, and the seconds of the iteration, the Jacobian and the residuals; and the
+peak memory of the ranks.
 """
 
 import json
@@ -25,10 +25,7 @@ OPTIONS = (
 
 
 def one_step(parameters, comm, path, number, dt):
-    """Solve one step of size ``dt``, 1/gdot0, and return its cost, a dictionary. Collective.
-
-    ``path`` and ``number`` are the file and the snapshot.
-    """
+    """Solve one step of size ``dt``, 1/gdot0, and return its cost, a dictionary. Collective."""
     from mpi4py import MPI
 
     from pgran.solve.driver import Driver

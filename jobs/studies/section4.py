@@ -73,10 +73,7 @@ def band_rows(figure, results):
 
 
 def mesh_rows(sizes, results):
-    """Yield the differences of I between successive meshes at the compression of the figure.
-
-    Bands with a negative angle are mirrored first, because both directions occur.
-    """
+    """Yield the differences of I between successive meshes at the compression of the figure."""
     fields = []
     for result in results.values():
         rows = band.measure(result.path)
@@ -89,26 +86,31 @@ def mesh_rows(sizes, results):
         yield coarse, fine, 100 * row["l2"], 100 * row["maximum"], row["order"]
 
 
+def compared(points, directory, options):
+    """Run each point on all meshes; yield name, sizes, result, and difference from the last mesh."""
+    for name, file, varied, sizes in points:
+        paths = []
+        for number, size in enumerate(sizes.split()):
+            path = Path(directory) / f"{name}_square_h{size}.h5"
+            result = study.run(path, file, *options, *varied, "-pgran_imperfection_size", 2,
+                               "-pgran_element_size", size, needed=False)
+            paths += [path] if result else []
+            found = band.compare(paths)[-1] if result and len(paths) > 1 else {}
+            yield name, sizes.split()[max(0, number - 1):number + 1], result, found
+
+
 def meshes(ngf="2 1 0.5", li="2 1 0.5", *, options=()):
     """Mesh convergence with an imperfection of fixed size: meshes [sizes: NGF] [sizes: LI]
 
     The imperfection is a square of side 2 d on all meshes. The table contains the differences of I
     between successive meshes, and the cost of the finer run. Fifteen minutes on two cores.
     """
-    def rows():
-        for model, file, sizes in (("ngf", "biaxial", ngf.split()), ("li", "li", li.split())):
-            paths = []
-            for number, size in enumerate(sizes):
-                paths.append(RESULTS / f"{model}_square_h{size}.h5")
-                result = study.run(paths[-1], file, *options, "-pgran_imperfection_size", 2,
-                                   "-pgran_element_size", size)
-                if number:
-                    found = band.compare(paths)[-1]
-                    yield (model, sizes[number - 1], size, 100 * found["l2"],
-                           100 * found["maximum"], found["order"], *cost(result))
-
+    points = ("ngf", "biaxial", (), ngf), ("li", "li", (), li)
+    rows = ((name, *sizes, 100 * found["l2"], 100 * found["maximum"], found["order"],
+             *cost(result)) for name, sizes, result, found in compared(points, RESULTS, options)
+            if found)
     study.write_table(RESULTS / "meshes.csv", {"model": "", "from (d)": "", "to (d)": "", **MESHES,
-                                               "order": ".2f", **COST}, rows())
+                                               "order": ".2f", **COST}, rows)
 
 
 def posed(sizes="2 1 0.5", compression="0.01", directory="results/posed", *, options=()):
@@ -119,27 +121,21 @@ def posed(sizes="2 1 0.5", compression="0.01", directory="results/posed", *, opt
     number of bands (I > I0) across the vertical line at L/4, and the difference of I from the
     previous mesh. Ten minutes on two cores.
     """
+    points = [(law, "li", ("-pgran_law", law), sizes) for law in ("bingham", "barker_gray")]
+    options = (*options, "-pgran_compression", compression, "-pgran_snapshots", compression)
+
     def rows():
-        for law in ("bingham", "barker_gray"):
-            paths = []
-            for size in sizes.split():
-                path = Path(directory) / f"{law}_h{size}_c{compression}.h5"
-                result = study.run(path, "li", *options, "-pgran_law", law, "-pgran_element_size",
-                                   size, "-pgran_imperfection_size", 2, "-pgran_compression",
-                                   compression, "-pgran_snapshots", compression, needed=False)
-                if result is None:
-                    yield law, size, "run failed"
-                    continue
-                paths.append(path)
-                found, difference = band.measure(path)[-1], {}
-                if len(paths) > 1:
-                    difference = band.compare(paths[-2:])[0]
-                I = result.snapshots[-1]["inertial_number"]
-                bands = band.stretches(I[:, I.shape[1] // 4] > result.options["inertial_number"])
-                yield (law, size, found["inertial_number_min"], found["inertial_number_max"],
-                       "yes" if found["localised"] else "no", bands,
-                       *(100 * difference[key] if difference else None
-                         for key in ("l2", "maximum")), *cost(result))
+        for law, pair, result, difference in compared(points, directory, options):
+            if result is None:
+                yield law, pair[-1], "run failed"
+                continue
+            found = band.measure(result.path)[-1]
+            I = result.snapshots[-1]["inertial_number"]
+            yield (law, pair[-1], found["inertial_number_min"], found["inertial_number_max"],
+                   "yes" if found["localised"] else "no",
+                   band.stretches(I[:, I.shape[1] // 4] > result.options["inertial_number"]),
+                   *(100 * difference[key] if difference else None for key in ("l2", "maximum")),
+                   *cost(result))
 
     study.write_table(Path(directory) / "posed.csv", {
         "law": "", "element (d)": "", "I from": ".3e", "I to": ".3e", "localised": "",

@@ -45,10 +45,7 @@ SHAPES = ((), ("-pgran_element_size", 1), ("-pgran_height", 60), ("-pgran_width"
 
 
 def linearised(*options, steps=STEPS):
-    """Return the fastest growth rates of each step by pgran.growth, a list of complex (n,), gdot0.
-
-    The imaginary parts are positive.
-    """
+    """Return the fastest growth rates of each step (pgran.growth): complex (n,), gdot0."""
     rows = study.json_of(1, "pgran.growth", "-options_file", "options/growth.opts", "-json",
                          "-dt", ",".join(map(str, steps)), *options)
     return [np.array([complex(real, abs(imaginary)) for real, imaginary in row["growth_rates"]])
@@ -72,10 +69,7 @@ def at_zero(steps, rates):
 
 
 def arguments(options, stretch=1.0):
-    """Return the parameters and the arguments of the analytical solutions (None if none holds).
-
-    ``stretch`` is the current width over the initial width.
-    """
+    """Return the parameters and the arguments of the analytical solutions (None if none holds)."""
     parameters = study.parameters(None, *options)
     shape = cases.create(parameters).specimen
     if shape is not None:
@@ -84,10 +78,7 @@ def arguments(options, stretch=1.0):
 
 
 def analytical(options, stretch=1.0, **wave):
-    """Return the analytical growth rate with elasticity, gdot0, or None without an analytical solution.
-
-    ``stretch`` as for `arguments`, ``wave`` as for `pgran.theory.specimen.growth_rate`.
-    """
+    """Return the analytical growth rate with elasticity, gdot0, or None if it does not apply."""
     parameters, shape = arguments(options, stretch)
     if shape is None:
         return None
@@ -101,10 +92,7 @@ def column(options, half_waves=1):
 
 
 def later(options, time):
-    """Return the growth rate at ``time``, 1/gdot0, over the initial one: the shape has changed.
-
-    Homogeneous flow stretches the width by exp(time/2).
-    """
+    """Return the growth rate at ``time``, 1/gdot0, over the initial one: the shape has changed."""
     return (analytical(options, stretch=np.exp(time / 2.0)).real / analytical(options).real)
 
 

@@ -61,8 +61,8 @@ def spectra(directory="results", *, options=()):
 
     Spectra of pgran.eigen over the plane of wave vectors of figures 1(a) and 1(b), both laws over
     the inertial number, single wave vectors over the inertial number, and the specimen on its
-    initial mesh over its size, I0 and mesh. Then it draws figures 1, 2, 8 and 9. A quarter of an hour on two cores, mostly for the
-    specimens of 320 d.
+    initial mesh over its size, I0 and mesh. Then it draws figures 1, 2, 8 and 9. A
+    quarter of an hour on two cores, mostly for the specimens of 320 d.
     """
     directory, fine = Path(directory), ("-pgran_cell_elements", 32, *options)
     for model in ("ngf", "li"):

@@ -39,11 +39,7 @@ def layer(slope, height, *options):
 
 
 def end_of_flow(directory, slope, known, *options):
-    """Return the height, d, at which the fluidity of steady flow vanishes, and the largest error.
-
-    The height is a polynomial of the largest fluidity through the heights `FLOWING`. The error
-    is the error of velocity over its maximum.
-    """
+    """Return the height, d, of vanishing fluidity in steady flow, and the largest error."""
     largest, error = [], []
     for share in FLOWING:
         path = directory / f"flow_{slope}_{share:g}.h5"

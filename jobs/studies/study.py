@@ -44,19 +44,8 @@ def parameters(name, *options):
 def write_table(path, columns, rows):
     """Write a table to a CSV file row by row, and when complete to docs/generated; return its rows.
 
-    Parameters
-    ----------
-    path : Path
-        The CSV file. Its stem is the name of the Markdown file.
-    columns : dict
-        Titles, and formats of the numbers, as for `pgran.runs.table.Table`.
-    rows : iterable of sequence
-        Values of the columns. A shorter row is a note: texts about a run that failed.
-
-    Raises
-    ------
-    SolutionError
-        If all runs failed.
+    ``columns`` are titles and formats as for `pgran.runs.table.Table`. A row that is shorter is a
+    note about a run that failed. Raises SolutionError if all runs failed.
     """
     table, rows_written = Table(path, columns), []
     lines = [list(columns), ["---"] * len(columns)]

@@ -21,10 +21,7 @@ OPTIONS = (
 
 
 def iterations(parameters, comm, path, number, steps):
-    """Return the iterations for each step, 1/gdot0, or None where the solver diverges. Collective.
-
-    ``path`` and ``number`` are the file and the snapshot.
-    """
+    """Return the iterations for each step, or None if the solver diverges. Collective."""
     from pgran.solve.driver import Driver
     from pgran.space.weakform import discretise
 

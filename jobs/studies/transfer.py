@@ -16,17 +16,7 @@ SNAPSHOT = (
 
 
 def along(fine, coarse, index, nodal):
-    """Return the weights (n, m) of the m nodes of a coarse grid at nodes of a fine one, in 1D.
-
-    Parameters
-    ----------
-    fine, coarse : int
-        Numbers of elements; ``coarse`` divides ``fine``.
-    index : ndarray, (n,)
-        Q2 nodes of the fine grid.
-    nodal : callable
-        Nodal functions on two (Q1) or three (Q2) nodes, as `pgran.space.element.linear`.
-    """
+    """Return the weights (n, m) of the m nodes of a coarse grid at nodes of a fine one, in 1D."""
     ratio = 2 * fine // coarse
     element = np.minimum(index // ratio, coarse - 1)
     weights = nodal(2.0 * (index - ratio * element) / ratio - 1.0)
@@ -38,11 +28,7 @@ def along(fine, coarse, index, nodal):
 
 
 def interpolated(form, path, number):
-    """Return the `State` on the grid of a `pgran.space.weakform.WeakForm` from a coarser snapshot.
-
-    ``number`` is the snapshot of the result file ``path``. Raises `OptionError` if it cannot be
-    read, or if its elements are not divided by the elements of the grid.
-    """
+    """Return the `State` on the grid of a `WeakForm` from a snapshot on a coarser grid."""
     if path is None:
         raise OptionError("-from NAME.h5: a result file is needed")
     grid = form.grid
