@@ -349,7 +349,7 @@ def test_spectra_of_flows_and_stopping_heights(tmp_path, monkeypatch):
 def test_benchmarks_write_their_tables(tmp_path, monkeypatch, docs):
     put(monkeypatch, bench, BENCH=tmp_path)
     bench.bench("answer", "4", "4", options=TINY)
-    assert float(table(tmp_path / "bench_answer.csv")[0]["to strict (%)"]) != 0.0
+    assert float(table(tmp_path / "answer.csv")[0]["to strict (%)"]) != 0.0
 
     def pretend(ranks, *arguments, **_):
         newton = [{"iterations": 14 + n, "seconds": 1.0, "jacobian": 0.1} for n in range(2)]
@@ -358,6 +358,7 @@ def test_benchmarks_write_their_tables(tmp_path, monkeypatch, docs):
 
     put(monkeypatch, bench, step=pretend)
     bench.bench("iterations", "2 1", "1 2")
-    assert [row["before"] for row in table(tmp_path / "bench_iterations.csv")] == ["14.5 (15)"] * 4
+    assert [row["before"] for row in table(tmp_path / "iterations.csv")] == ["14.5 (15)"] * 4
     bench.bench("size", "2 1 0.5", "1", "")
-    assert len(table(tmp_path / "bench_size.csv")) == 3
+    assert len(table(tmp_path / "size.csv")) == 3
+    assert (docs / "generated" / "bench_size.md").exists()

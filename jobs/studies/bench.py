@@ -250,7 +250,7 @@ def bench(name=None, *lists, options=()):
         raise ValueError(f"unknown benchmark {name}; expected one of: {', '.join(BENCHES)}")
     for title in [name] if name else BENCHES:
         columns, rows = BENCHES[title](*lists, options=options)
-        study.write_table(BENCH / f"bench_{title}.csv", columns, rows)
+        study.write_table(BENCH / f"{title}.csv", columns, rows, page=f"bench_{title}")
 
 
 bench.__doc__ += "\n" + "\n".join(

@@ -87,7 +87,7 @@ def mesh_rows(sizes, results):
 
 
 def compared(points, directory, options):
-    """Run each point on all meshes; yield name, sizes, result, and difference from the last mesh."""
+    """Run each point on all meshes; yield name, sizes, result, and difference of meshes."""
     for name, file, varied, sizes in points:
         paths = []
         for number, size in enumerate(sizes.split()):

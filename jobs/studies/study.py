@@ -41,11 +41,12 @@ def parameters(name, *options):
     return cases.read(run_on_ranks.combined_options(file, *options))
 
 
-def write_table(path, columns, rows):
+def write_table(path, columns, rows, page=None):
     """Write a table to a CSV file row by row, and when complete to docs/generated; return its rows.
 
     ``columns`` are titles and formats as for `pgran.runs.table.Table`. A row that is shorter is a
-    note about a run that failed. Raises SolutionError if all runs failed.
+    note about a run that failed. ``page`` is the name of the page, by default the stem of the CSV
+    file. Raises SolutionError if all runs failed.
     """
     table, rows_written = Table(path, columns), []
     lines = [list(columns), ["---"] * len(columns)]
@@ -56,7 +57,7 @@ def write_table(path, columns, rows):
                       else format(cell, form) for cell, form in zip(cells, columns.values())])
         rows_written.append(row)
     table.close()
-    write_page(path.stem, "\n".join(f"| {' | '.join(line)} |" for line in lines))
+    write_page(page or path.stem, "\n".join(f"| {' | '.join(line)} |" for line in lines))
     return rows_written
 
 
