@@ -3,7 +3,6 @@
 import csv
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,6 @@ from conftest import ROOT, allowed, discretised, parameters, run_ranks
 
 from pgran.options import OptionError, SolutionError
 from pgran.runs import run_on_ranks
-from pgran.runs.table import Table
 from studies import (
     __main__,
     bench,
@@ -35,7 +33,6 @@ FILE = "options/biaxial.opts"
 SMALL = "-pgran_width", 8, "-pgran_height", 24
 SHORT = "-pgran_compression", 0.001, "-pgran_snapshots", 0.0005
 TINY = (*SMALL, *SHORT)
-SCRIPTS = sorted(ROOT.glob("jobs/**/*.sh"))
 nightly = pytest.mark.nightly
 
 
@@ -100,18 +97,16 @@ def test_a_result_is_done_only_if_complete_and_newer_than_its_sources(tmp_path):
 
 
 @pytest.mark.parametrize("launcher, ranks, expected", [
-    (None, 3, ["mpiexec", "-n", "3"]), (None, 0, []), ("srun", 2, ["srun"]),
+    ("", 3, ["mpiexec", "-n", "3"]), ("", 0, []), ("srun", 2, ["srun"]),
     ("srun --mpi=pmix", 1, ["srun", "--mpi=pmix", "-n", "1"])])
 def test_the_environment_determines_how_runs_start(monkeypatch, launcher, ranks, expected):
     monkeypatch.setattr(run_on_ranks, "RANKS", 2)
     for name, value in (("PGRAN_PYTHON", "python9"), ("OMPI_COMM_WORLD_RANK", "1"),
-                        ("OMPI_MCA_hwloc_base_binding_policy", "none"),
-                        ("PGRAN_LAUNCH", launcher or "")):
+                        ("PGRAN_LAUNCH", launcher)):
         monkeypatch.setenv(name, value)
     command, environment = run_on_ranks.command(ranks, "-m", "pgran", "-pgran_width", 8)
     assert command == [*expected, "python9", "-m", "pgran", "-pgran_width", "8"]
     assert ("OMPI_COMM_WORLD_RANK" in environment) == bool(launcher)
-    assert environment["OMPI_MCA_hwloc_base_binding_policy"] == "none"
     assert environment["PYTHONPATH"].split(os.pathsep)[0] == str(ROOT)
 
 
@@ -157,19 +152,10 @@ def test_loading_a_study_starts_neither_mpi_nor_matplotlib():
     assert run_ranks(0, "-c", code).stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
-def test_scripts_are_valid(path):
-    subprocess.run(["bash", "-n", path], check=True)
-    if shutil.which("shellcheck"):
-        subprocess.run(["shellcheck", "-x", "-P", "SCRIPTDIR", "-S", "warning", path], check=True)
-
-
-def test_a_table_is_stored_row_by_row_and_written_to_the_docs_with_a_stamp(tmp_path, docs):
-    rows = Table(tmp_path / "new" / "x.csv", {"case": "", "I": ".1e", "n": "d"})
-    rows.row("base", 1.0 / 3.0, None)
-    assert table(rows.path) == [{"case": "base", "I": repr(1.0 / 3.0), "n": ""}]
-    columns = {"case": "", "angle": ".1f"}
-    study.write_table(tmp_path / "y.csv", columns, [("one", 51.04), ("two",)])
+def test_a_table_is_stored_with_all_digits_and_written_to_the_docs_with_a_stamp(tmp_path, docs):
+    columns, path = {"case": "", "angle": ".1f"}, tmp_path / "new" / "y.csv"
+    study.write_table(path, columns, [("one", 51.04), ("two",)])
+    assert table(path)[0] == {"case": "one", "angle": "51.04"}
     *lines, _, stamp = (docs / "generated" / "y.md").read_text().splitlines()
     assert lines[2:] == ["| one | 51.0 |", "| two | - |"]
     assert stamp.startswith("pgran ") and "PETSc 3." in stamp and " cores), 20" in stamp
@@ -273,15 +259,12 @@ def test_meshes_are_compared(tmp_path, monkeypatch):
 
 def test_figures_of_section_4_have_tables(tmp_path, monkeypatch, docs):
     put(monkeypatch, section4, RESULTS=tmp_path)
-    monkeypatch.setattr("pgran.output.figures.draw", lambda names, directory, results: (
-        Path(directory).mkdir(parents=True, exist_ok=True),
-        (Path(directory) / f"{names[0]}.png").write_text("")))
+    monkeypatch.setattr(study, "paper_figures", lambda names, results: None)
     section4.section4("fig7", "4 2", options=(
         *SMALL, "-pgran_compression", 0.005, "-pgran_snapshots", 0.005))
     assert len(table(tmp_path / "section4_fig7.csv")) == 2
     row, = table(tmp_path / "section4_fig7_meshes.csv")
     assert row["from (d)"] == "4" and float(row["over maximum (%)"]) > 0.0
-    assert (docs / "generated" / "section4_fig7.md").exists()
 
 
 @nightly
