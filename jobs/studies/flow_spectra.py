@@ -1,10 +1,12 @@
 """Spectra of steady flows, and the same rates in the nonlinear solver."""
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
 
 from pgran.output.result import Result
+from pgran.runs import run_on_ranks
 
 from . import study
 from .flows import mesh, steady
@@ -53,7 +55,8 @@ def measured(result, case, rate, *options):
     result = Path(result)
     mode = result.with_name(f"{result.stem}_mode.h5")
     if not (mode.exists() and mode.stat().st_mtime > result.stat().st_mtime):
-        study.json_of(1, "pgran.eigen", "-pgran_restart", result, "-pgran_output", mode, "-json")
+        run_on_ranks.python(1, "-m", "pgran.eigen", "-pgran_restart", result, "-pgran_output", mode,
+                            stdout=subprocess.DEVNULL)
     shape, base = (Result(mode).snapshots[0][name] for name in ("velocity", "base_velocity"))
     dt = SHARE / abs(rate)
     first, end = (dt * count for count in BETWEEN)
