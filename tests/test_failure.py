@@ -159,7 +159,8 @@ def test_when_one_rank_fails_all_stop(tmp_path, method, rank, fault, message):
 
 def test_an_error_that_all_ranks_meet_is_told_once(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "from pgran.cases.biaxial import Biaxial\nclass Mine(Biaxial):\n    options = Biaxial.options\n"
+        "from pgran.cases.biaxial import Biaxial\nclass Mine(Biaxial):\n"
+        "    options = Biaxial.options\n"
         "    def tractions(self, time):\n        return {'left': 1 / 0}\n")
     done = run_ranks(3, "-m", "pgran", "-pgran_case", f"{tmp_path / 'mine.py'}:Mine", *COARSE,
                      "-pgran_output", tmp_path / "run.h5", check=False, limit=60)

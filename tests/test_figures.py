@@ -43,7 +43,7 @@ def test_a_figure_of_simulations_shows_the_runs_that_exist(tmp_path, capsys, nam
     results.mkdir()
     arguments = [name, "-results", str(results), "-output", str(pictures)]
     assert figures.main(arguments) == 1
-    assert f"bash jobs/{name}.sh makes them" in capsys.readouterr().err
+    assert f"run bash jobs/study.sh section4 {name}" in capsys.readouterr().err
     for size, ratio in ((2, 1), (1, 2)):
         x, y = np.meshgrid(np.linspace(0.0, 42.0, 20 * ratio + 1),
                            np.linspace(0.0, 108.0, 60 * ratio + 1))

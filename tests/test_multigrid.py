@@ -265,8 +265,8 @@ def test_iterations_do_not_grow_in_flows_on_fixed_meshes(tmp_path, flow):
     """The mesh of the inclined plane is graded."""
     for size, ranks in ((1, 1), (0.5, 2)):
         path = tmp_path / f"{size}.h5"
-        pgran(ranks, f"{flow}.opts", path, "-options_file", ROOT / "options" / "solver_mg_fixed.opts",
-              "-pgran_element_size", size)
+        pgran(ranks, f"{flow}.opts", path, "-options_file",
+              ROOT / "options" / "solver_mg_fixed.opts", "-pgran_element_size", size)
         with h5py.File(path, "r") as file:
             newton, linear = (file[f"history/{name}_iterations"][...]
                               for name in ("newton", "linear"))

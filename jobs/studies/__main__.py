@@ -1,9 +1,11 @@
-"""Run or resume a study: study.sh NAME [arguments] [options of its runs]
+"""Run or resume a study: python -m studies NAME [arguments] [options of its runs]
 
-Arguments come first; everything from the first option on is passed to the runs. ``NAME -help``
-describes a study and its arguments, and ``all`` runs every study. Runs with the same options are
-reused. The exit code is 0 after success, 1 after an error, and 75 after a signal; the same command
-then resumes the study.
+Everything after the first option is passed to the runs. ``NAME -help`` explains a study, and
+``all`` runs every study in order. Completed runs with the same options are reused. The exit code
+is 0 on success, 1 on failure, and 75 after a signal: the same command then resumes the study.
+
+Tables are written to results/ as CSV and to docs/generated as Markdown, and figures to
+docs/figures. PGRAN_DOCS names a directory that replaces docs.
 """
 
 import importlib
@@ -15,61 +17,64 @@ from pgran import __version__
 from pgran.cli import HELP, REPORTED_ERRORS, STOPPED, VERSION, guard_streams
 from pgran.options import Interrupted
 
-STUDIES = ("section4", "meshes", "sensitivity", "growth", "specimen", "primitive", "regime",
-           "spectra", "flows", "flow_spectra", "stopping", "bench", "kill")
+#: Names of the studies, and the module of each.
+STUDIES = {"section4": "section4", "meshes": "section4", "posed": "section4",
+           "sensitivity": "reference", "verify": "reference", "regime": "reference",
+           "spectra": "spectra", "growth": "growth", "specimen": "specimen",
+           "primitive": "primitive", "flows": "flows", "flow_spectra": "flow_spectra",
+           "stopping": "stopping", "bench": "bench", "kill": "kill"}
 
 
 def load(name):
-    """Return the module of a study."""
+    """Return the function of a study."""
     if name not in STUDIES:
-        raise ValueError(f"unknown study {name}; expected one of: {', '.join(STUDIES)}, all")
-    return importlib.import_module(f"{__package__}.{name}")
+        raise ValueError(f"unknown study {name}; expected one of: all, {', '.join(STUDIES)}")
+    return getattr(importlib.import_module(f"{__package__}.{STUDIES[name]}"), name)
 
 
-def call(name, arguments):
-    """Call a study with the texts of its command line. Raises ValueError for wrong arguments."""
-    study = load(name)
-    if any(argument in HELP for argument in arguments):
-        print(study.__doc__)
-        return
-    first = next((n for n, text in enumerate(arguments) if text.startswith("-")), len(arguments))
-    more = {"options": tuple(arguments[first:])} if arguments[first:] else {}
+def call(name, words):
+    """Run a study with the arguments of a command line; return the exit code."""
     try:
-        inspect.signature(study.main).bind(*arguments[:first], **more)
-    except TypeError as problem:
-        raise ValueError(f"{problem}; see {name} -help") from None
-    study.main(*arguments[:first], **more)
+        study = load(name)
+        if any(word in HELP for word in words):
+            print(inspect.getdoc(study))
+            return 0
+        count = next((n for n, word in enumerate(words) if word.startswith("-")), len(words))
+        options = {"options": tuple(words[count:])} if words[count:] else {}
+        try:
+            arguments = inspect.signature(study).bind(*words[:count], **options)
+        except TypeError as error:
+            raise ValueError(f"{error}; see {name} -help") from None
+        study(*arguments.args, **arguments.kwargs)
+        return 0
+    except Interrupted as error:
+        print(f"studies: {error}", file=sys.stderr)
+        return STOPPED
+    except REPORTED_ERRORS as error:
+        message = error.as_option()
+    except (ValueError, OSError, subprocess.SubprocessError) as error:
+        message = str(error)
+    print(f"studies: error: {message}", file=sys.stderr)
+    return 1
 
 
-def main(arguments):
-    """Run the study that ``arguments`` name; return the exit code."""
+def main(words):
+    """Run the studies that the command line ``words`` names; return the exit code."""
     guard_streams()
-    name, *rest = arguments or HELP[:1]
+    name, *rest = words or HELP[:1]
     if name in VERSION:
         print(f"pgran {__version__}")
         return 0
     if name in HELP:
         lines = (f"  {study:12} {load(study).__doc__.splitlines()[0]}" for study in STUDIES)
         print(__doc__, *lines, sep="\n")
-        return 0 if arguments else 1
-    try:
-        if name == "all":
-            for study in STUDIES:
-                for more in getattr(load(study), "ALL", ((),)):
-                    print(f"\n{' '.join((study, *more))}", flush=True)
-                    call(study, [*more, *rest])
-        else:
-            call(name, rest)
         return 0
-    except Interrupted as error:
-        print(f"pgran study: {error}", file=sys.stderr)
-        return STOPPED
-    except REPORTED_ERRORS as error:
-        message = error.as_option()
-    except (ValueError, OSError, subprocess.SubprocessError) as error:
-        message = str(error)
-    print(f"pgran study: error: {message}", file=sys.stderr)
-    return 1
+    codes = []
+    for study in STUDIES if name == "all" else [name]:
+        codes.append(call(study, rest))
+        if codes[-1] == STOPPED:
+            return STOPPED
+    return max(codes)
 
 
 if __name__ == "__main__":

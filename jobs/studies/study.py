@@ -1,125 +1,111 @@
-"""Runs of many points, commands, tables and figures that studies share."""
+"""Common functions of the studies: runs, commands, tables and figures."""
 
-import functools
 import io
 import json
 import os
 import platform
+import re
+import shutil
 import subprocess
-import time
 from contextlib import contextmanager, redirect_stdout
+from datetime import date
+from functools import lru_cache
 from pathlib import Path
 
-from pgran import __version__
+from pgran import __version__, cases
 from pgran.runs import run_on_ranks
-from pgran.runs.table import Table
+from pgran.runs.table import COST, Table, cost, result_file
 
-FAILED = "failed"
+__all__ = ["COST", "Table", "cost", "result_file"]
+
+#: Error of a command that fails.
+CommandError = subprocess.CalledProcessError
+#: Directory of the generated pages and figures.
+DOCS = Path(os.environ.get("PGRAN_DOCS", "docs"))
 
 
-class Report(Table):
-    """A `Table` that is also written as a page of the documentation, docs/generated/NAME.md.
+def run(path, name, *options, **how):
+    """Run pgran with options/NAME.opts unless that is done; see `pgran.runs.run_on_ranks.run`."""
+    return run_on_ranks.run(path, f"options/{name}.opts", *run_on_ranks.QUIET, *options, **how)
 
-    Only where the environment variable PGRAN_DOCS names the folder ``docs``, as jobs/study.sh does.
-    The page ends with the release, the machine and the date.
 
-    Parameters
-    ----------
-    path : str or Path
-        The CSV file.
-    columns : dict
-        Titles, and the format of the numbers below them.
-    name : str
-        Name of the page, the stem of the CSV file unless given.
+def json_of(ranks, module, *arguments, **how):
+    """Run ``python -m module`` on ranks (0: without mpiexec); return the JSON that it prints."""
+    return json.loads(run_on_ranks.python(ranks, "-m", module, *arguments, stdout=subprocess.PIPE,
+                                          text=True, **how).stdout)
+
+
+def parameters(name, *options):
+    """Return the `pgran.options.Parameters` of options/NAME.opts (or None) and further options."""
+    file = f"options/{name}.opts" if name else None
+    return cases.read(run_on_ranks.combined_options(file, *options))
+
+
+def write_table(path, columns, rows, page=None):
+    """Write a table to a CSV file row by row, and when complete to docs/generated; return its rows.
+
+    ``columns`` are titles and formats as for `pgran.runs.table.Table`. A row that is shorter is a
+    note about a run that failed. ``page`` is the name of the page, by default the stem of the CSV
+    file. Raises SolutionError if all runs failed.
     """
-
-    def __init__(self, path, columns, name=None):
-        self._lines, self._page = [], docs_file("generated", f"{name or Path(path).stem}.md")
-        super().__init__(path, columns)
-
-    def _show(self, cells):
-        cells = list(cells)
-        super()._show(cells)
-        self._lines.append(f"| {' | '.join(cells)} |")
-        write_page(self._page, self._lines)
-
-
-def docs_file(folder, name):
-    """Return the path of a file of the documentation, or None without PGRAN_DOCS."""
-    docs = os.environ.get("PGRAN_DOCS")
-    if not docs:
-        return None
-    path = Path(docs, folder, name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path
+    table, rows_written = Table(path, columns), []
+    lines = [list(columns), ["---"] * len(columns)]
+    for row in rows:
+        (table.row if len(row) == len(columns) else table.note)(*row)
+        cells = [*row, *[None] * (len(columns) - len(row))]
+        lines.append([str(cell or "-") if isinstance(cell, (str, type(None)))
+                      else format(cell, form) for cell, form in zip(cells, columns.values())])
+        rows_written.append(row)
+    table.close()
+    write_page(page or path.stem, "\n".join(f"| {' | '.join(line)} |" for line in lines))
+    return rows_written
 
 
-def write_page(path, lines):
-    """Write lines of Markdown and the stamp to ``path``, unless it is None."""
-    if path:
-        path.write_text("\n".join([*lines, "", stamp()]) + "\n")
+def write_page(name, text):
+    """Write a text to docs/generated/NAME.md with a stamp of versions, machine and date."""
+    page = DOCS / "generated" / f"{name}.md"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text(f"{text}\n\n{stamp()}\n")
+    print(f"{page}\n")
 
 
-def write_text(name, text):
-    """Print text, and write it to docs/generated/NAME.md as it is."""
-    print(text)
-    write_page(docs_file("generated", f"{name}.md"), ["```text", text.rstrip(), "```"])
-
-
-def write_tables(name, action):
-    """Call ``action()``, and write the tables that it prints to docs/generated/NAME.md."""
-    with redirect_stdout(io.StringIO()) as output:
-        action()
-    text = output.getvalue()
-    print(text)
-    write_page(docs_file("generated", f"{name}.md"),
-               [line for line in text.splitlines() if line.startswith("|") or not line])
-
-
-@functools.cache
+@lru_cache
 def stamp():
-    """Return release, PETSc, machine and date as text."""
+    """Return versions, machine and date as one line."""
     code = "from petsc4py import PETSc; print(*PETSc.Sys.getVersion(), sep='.')"
     petsc = run_on_ranks.python(0, "-c", code, stdout=subprocess.PIPE, text=True).stdout.strip()
-    with open("/proc/cpuinfo") as file:
-        model = next((line.split(":")[1].strip() for line in file if "model name" in line),
-                     platform.machine())
-    return (f"pgran {__version__}, PETSc {petsc}, {model} ({os.cpu_count()} cores), "
-            f"{time.strftime('%Y-%m-%d')}")
+    info = Path("/proc/cpuinfo")
+    found = re.search(r"model name\s*: (.*)", info.read_text() if info.exists() else "")
+    machine = found.group(1) if found else platform.machine()
+    return (f"pgran {__version__}, PETSc {petsc}, {machine} ({os.cpu_count()} cores), "
+            f"{date.today():%Y-%m-%d}")
+
+
+def paper_figures(names, results):
+    """Draw figures of the paper, copy them to docs/figures, and return their numbers as text."""
+    from pgran.output import figures
+
+    pictures, text = Path("results/figures"), io.StringIO()
+    with redirect_stdout(text):
+        figures.draw(names, pictures, results)
+    (DOCS / "figures").mkdir(parents=True, exist_ok=True)
+    for name in names:
+        shutil.copy(pictures / f"{name}.png", DOCS / "figures")
+    print(text.getvalue())
+    return text.getvalue()
 
 
 @contextmanager
-def figure(path, *arguments, **options):
-    """Yield the figure and axes of ``pyplot.subplots``, and save them to ``path``.
-
-    With PGRAN_DOCS they are also saved to docs/figures.
-    """
+def figure(name, *shape, **options):
+    """Provide a figure and axes of matplotlib, and save them to docs/figures/NAME.png."""
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    canvas, axes = plt.subplots(*arguments, constrained_layout=True, **options)
-    yield canvas, axes
-    for target in filter(None, (Path(path), docs_file("figures", Path(path).name))):
-        canvas.savefig(target, dpi=130)
-        print(target)
-    plt.close(canvas)
-
-
-def command(ranks, module, *arguments):
-    """Return what ``python -m module arguments -json`` prints, on ranks, as Python objects."""
-    return json.loads(run_on_ranks.python(ranks, "-m", module, *arguments, "-json",
-                                          stdout=subprocess.PIPE, text=True).stdout)
-
-
-def run(path, file, *options, **more):
-    """Make a run that prints only errors, unless it is complete; return its result."""
-    return run_on_ranks.run(path, f"options/{file}.opts", *run_on_ranks.QUIET, *options, **more)
-
-
-def attempt(table, names, path, file, *options):
-    """Return the result of a run, or None after a note in the table that the run failed."""
-    result = run(path, file, *options, needed=False)
-    if result is None:
-        table.note(*names, FAILED)
-    return result
+    fig, axes = plt.subplots(*shape, constrained_layout=True, **options)
+    yield fig, axes
+    path = DOCS / "figures" / f"{name}.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fig.savefig(path, dpi=130)
+    plt.close(fig)
+    print(path)

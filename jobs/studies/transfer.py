@@ -1,26 +1,22 @@
-"""Mesh transfer: the state of a snapshot on a finer mesh, exact for its piecewise polynomials."""
+"""Interpolation of a snapshot to a finer mesh, exact for piecewise polynomials."""
 
 import numpy as np
 
+from pgran.cli import command_option
 from pgran.options import OptionError
 from pgran.output.reader import ResultError
 from pgran.output.result import Result
 from pgran.solve.state import State
 from pgran.space.element import SHAPE, linear, quadratic
 
+#: Options of commands that start from a snapshot.
+SNAPSHOT = (
+    command_option("from", "str", "result file with the snapshot"),
+    command_option("snapshot", "int", "number of the snapshot; negative: from the end", -1))
+
 
 def along(fine, coarse, index, nodal):
-    """Return the weights (n, m) of the m nodes of a coarse grid at nodes of a fine one, in 1D.
-
-    Parameters
-    ----------
-    fine, coarse : int
-        Numbers of elements; ``coarse`` divides ``fine``.
-    index : ndarray, (n,)
-        Q2 nodes of the fine grid.
-    nodal : callable
-        Nodal functions on two (Q1) or three (Q2) nodes, as `pgran.space.element.linear`.
-    """
+    """Return the weights (n, m) of the m nodes of a coarse grid at nodes of a fine one, in 1D."""
     ratio = 2 * fine // coarse
     element = np.minimum(index // ratio, coarse - 1)
     weights = nodal(2.0 * (index - ratio * element) / ratio - 1.0)
@@ -32,21 +28,7 @@ def along(fine, coarse, index, nodal):
 
 
 def interpolated(form, path, number):
-    """Return the `State` on the grid of ``form`` from a snapshot of a mesh that it divides.
-
-    Parameters
-    ----------
-    form : pgran.space.weakform.WeakForm
-    path : str or Path
-        The result file.
-    number : int
-        Which snapshot; a negative number counts from the end.
-
-    Raises
-    ------
-    OptionError
-        If there is no such file or snapshot, or its elements are not divided by those of the grid.
-    """
+    """Return the `State` on the grid of a `WeakForm` from a snapshot on a coarser grid."""
     if path is None:
         raise OptionError("-from NAME.h5: a result file is needed")
     grid = form.grid
@@ -54,18 +36,18 @@ def interpolated(form, path, number):
         snapshot = Result(path).snapshots[number]
         fields = {name: snapshot[name] for name in (
             "coordinates", "velocity", "fluidity", "pressure", "deviator")}
-        moment = snapshot.time
-    except (ResultError, KeyError, IndexError) as problem:
-        raise OptionError(f"-from {path}: no snapshot {number} can be read ({problem})") from None
+        time = snapshot.time
+    except (ResultError, KeyError, IndexError) as error:
+        raise OptionError(f"-from {path}: cannot read snapshot {number} ({error})") from None
     coarse = [(size - 1) // 2 for size in fields["fluidity"].shape[::-1]]
     if any(n % m for n, m in zip(grid.shape, coarse)):
         raise OptionError(f"-from {path}: its {coarse[0]} x {coarse[1]} elements are not "
                           f"divided by the {grid.shape[0]} x {grid.shape[1]} of this grid")
 
     def at(values, lattice, factor, nodal):
-        (i0, i1), (j0, j1) = ((index.min(), index.max() + 1) for index in (lattice.i, lattice.j))
-        first, second = (along(n, m, factor * np.arange(*span), nodal) for n, m, span in zip(
-            grid.shape, coarse, ((i0, i1), (j0, j1))))
+        first, second = (
+            along(n, m, factor * np.arange(index.min(), index.max() + 1), nodal)
+            for n, m, index in zip(grid.shape, coarse, (lattice.i, lattice.j)))
         values = values.reshape(values.shape[:2] + (-1,))
         return np.einsum("ja,abc,ib->cji", second, values, first, optimize=True).reshape(
             values.shape[2], -1)
@@ -77,5 +59,5 @@ def interpolated(form, path, number):
     x, velocity, deviator = (at(fields[name], grid.nodes, 1, q2)
                              for name in ("coordinates", "velocity", "deviator"))
     fluidity = np.maximum(at(fields["fluidity"], grid.nodes, 1, q2)[0], fields["fluidity"].min())
-    return State(moment, x, grid.join(velocity, fluidity, pressure),
+    return State(time, x, grid.join(velocity, fluidity, pressure),
                  SHAPE @ deviator[:, grid.element_nodes])

@@ -281,7 +281,7 @@ def panels_of(name, directory):
             options=result.options, cost=result.attributes, many=many,
             measured=not many and bool(band["bands"])))
     if not panels:
-        raise ValueError(f"{name}: no results in {directory}; bash jobs/{name}.sh makes them")
+        raise ValueError(f"{name}: no results in {directory}; run bash jobs/study.sh section4 {name}")
     return panels, missing
 
 

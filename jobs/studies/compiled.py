@@ -1,12 +1,12 @@
-r"""A Newton iteration and its assembly compared with compiled code, in one run on the same ranks.
+r"""Assembly and Newton iteration of pgran, and of compiled code, in one process on the same ranks.
 
-    mpiexec -n 2 python jobs/bench/compiled.py -options_file options/biaxial.opts \
-        -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 [-dt 1e-3] [-json]
+    mpiexec -n 2 python -m studies.compiled -options_file options/biaxial.opts \
+        -pgran_element_size 0.5 -from results/biaxial.h5 -snapshot 1 [-dt 1e-3]
 
-The compiled code is the same weak form written in UFL, compiled by FFCx and assembled by
-dolfinx 0.5 (Debian's python3-dolfinx-real), with one MUMPS factorisation and solution per Newton
-iteration. Prints microseconds per element, seconds per Newton iteration, and their ratios, with
-``-json`` as one JSON object.
+The compiled code is the same weak form in UFL, compiled by FFCx and assembled by dolfinx 0.5
+(Debian's python3-dolfinx-real), with a MUMPS factorisation and one solution per Newton iteration.
+Rank 0 prints one line of JSON: seconds of the Jacobian, the residual and a Newton iteration of
+both, [compiled, pgran], the seconds of MUMPS, and the number of elements.
 """
 
 import json
@@ -15,12 +15,13 @@ import time
 
 import numpy as np
 
-from pgran.cli import JSON, start
-from studies.one_step import OPTIONS
+from pgran.cli import start
+
+from .one_step import OPTIONS, one_step
 
 
 def best(action, ranks, repeats=5):
-    """Return the smallest time of ``action`` on the slowest rank, s."""
+    """Return the minimum over repeats of the seconds of ``action`` on the slowest rank."""
     times = []
     for _ in range(repeats):
         ranks.barrier()
@@ -31,7 +32,7 @@ def best(action, ranks, repeats=5):
 
 
 def compiled(case, ranks):
-    """Return seconds of compiled Jacobian, residual and of a fresh MUMPS solution."""
+    """Return the seconds of Jacobian, residual and MUMPS solution of the compiled code."""
     import ufl
     from dolfinx import fem, mesh
     from petsc4py import PETSc
@@ -66,19 +67,19 @@ def compiled(case, ranks):
     u.sub(0).interpolate(lambda x: np.array([x[0] / 2 + 0.1 * np.sin(x[1]), -x[1] / 2]))
     u.sub(1).interpolate(lambda x: np.full(x.shape[1], case.fluidity))
     u.sub(2).interpolate(lambda x: np.full(x.shape[1], case.pressure))
-    held = []
+    constraints = []
     for component, edge in ((1, 0.0), (1, height), (0, None)):
         part = space.sub(0).sub(component)
         collapsed, _ = part.collapse()
         dofs = fem.locate_dofs_geometrical((part, collapsed), (
             lambda x, edge=edge: np.isclose(x[1], edge)) if edge is not None else (
             lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0)))
-        held.append(fem.dirichletbc(fem.Function(collapsed), dofs, part))
+        constraints.append(fem.dirichletbc(fem.Function(collapsed), dofs, part))
     A, f = fem.petsc.create_matrix(tangent), fem.petsc.create_vector(form)
 
     def jacobian():
         A.zeroEntries()
-        fem.petsc.assemble_matrix(A, tangent, bcs=held)
+        fem.petsc.assemble_matrix(A, tangent, bcs=constraints)
         A.assemble()
 
     def forces():
@@ -102,11 +103,12 @@ def compiled(case, ranks):
     return best(jacobian, ranks), best(forces, ranks), best(solve, ranks, 3)
 
 
-def ours(parameters, comm, path, number):
-    """Return the case, and seconds of pgran's Jacobian and residual at a state."""
+def of_pgran(parameters, comm, path, number):
+    """Return the case, and the seconds of Jacobian and residual of pgran at a state."""
     from pgran.solve.driver import matrix_type
     from pgran.space.weakform import discretise
-    from studies.transfer import interpolated
+
+    from .transfer import interpolated
 
     form = discretise(parameters, comm)
     state = interpolated(form, path, number)
@@ -121,34 +123,17 @@ def ours(parameters, comm, path, number):
 
 
 def action(parameters, args, comm):
-    """Run the command line. Collective."""
-    from studies.one_step import one_step
-
+    """Measure both codes and print the result. Collective."""
     path, number = getattr(args, "from"), args.snapshot
-    case, *mine = ours(parameters, comm, path, number)
-    theirs = compiled(case, comm.tompi4py())
-    rows = one_step(parameters, comm, path, number, args.dt[0])["newton"]
+    case, jacobian, residual = of_pgran(parameters, comm, path, number)
+    times = compiled(case, comm.tompi4py())
+    rows = one_step(parameters, comm, path, number, args.dt)["newton"]
     newton = sum(row["seconds"] for row in rows) / len(rows)
-    if comm.rank:
-        return
-    elements = int(np.prod(case.shape))
-    each = 1e6 / elements
-    iterations = [row["iterations"] for row in rows]
-    if args.json:
-        print(json.dumps({"jacobian": mine[0] / theirs[0], "residual": mine[1] / theirs[1],
-                          "newton": newton / sum(theirs), "iterations": iterations,
-                          "compiled": theirs[0] + theirs[2]}))
-        return
-    print(f"element size {parameters.element_size:g} d, {elements} elements, {comm.size} ranks")
-    print(f"{'':34}{'compiled':>10}{'pgran':>10}{'ratio':>8}")
-    lines = [("Jacobian, us per element", theirs[0] * each, mine[0] * each),
-             ("residual, us per element", theirs[1] * each, mine[1] * each),
-             ("Newton iteration, s", sum(theirs), newton)]
-    for name, a, b in lines:
-        print(f"{name:34}{a:10.3f}{b:10.3f}{b / a:8.2f}")
-    print(f"{len(rows)} Newton iterations with {iterations} linear ones; "
-          f"MUMPS alone: {theirs[2]:.3f} s")
+    if comm.rank == 0:
+        print(json.dumps({"jacobian": [times[0], jacobian], "residual": [times[1], residual],
+                          "newton": [sum(times), newton], "mumps": times[2],
+                          "elements": int(np.prod(case.shape))}), flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(start(sys.argv, action, __doc__, (*OPTIONS, JSON)))
+    sys.exit(start(sys.argv, action, __doc__, OPTIONS))
