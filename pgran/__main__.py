@@ -118,8 +118,8 @@ class Run:
         self.behind = behind or {}
         self.landed = self.source.snapshots if self.source else 0
         self.added = choose_solver()
-        self.driver = Driver(form, first, self.observe, is_steady, behind=behind,
-                             interrupted=asked)
+        self.driver = Driver(form, first, self.observe, is_steady, checkpoint=behind,
+                             stop_requested=asked)
         if "pc_type" in self.added:
             self.terminal.say("pgran: no -pc_type is given; MUMPS solves every linear system, as "
                               "with options/direct.opts")

@@ -93,7 +93,7 @@ def test_launch_refuses_another_result_file_than_its_own(tmp_path):
 
 
 @pytest.mark.parametrize("command, given, message", [
-    ("pgran", [*SHORT, "-ts_dt", "1e-4"], "-ts_dt 1e-4: the size of a step follows from "
+    ("pgran", [*SHORT, "-ts_dt", "1e-4"], "-ts_dt 1e-4: not allowed; use "
      "-pgran_step_first"),
     ("pgran.growth", ["-pgran_restart", "x.h5"], "-pgran_restart x.h5: the reference flow"),
     ("pgran.stability", ["-cutoff", "-parity", "barrel"], "-parity: allowed only with -specimen"),

@@ -71,7 +71,7 @@ def test_bad_input_gets_one_clear_error(arguments, message):
 
 
 def test_an_undisturbed_step_that_does_not_converge_is_no_basis(monkeypatch):
-    monkeypatch.setattr("pgran.solve.linearised.MOST", 1)
+    monkeypatch.setattr("pgran.solve.linearised.MAX_ITERATIONS", 1)
     with pytest.raises(SolutionError, match="undisturbed step of 0.001"):
         LinearisedStep(discretised(element_size=8, imperfection=1), 1e-3)
 

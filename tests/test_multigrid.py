@@ -200,8 +200,7 @@ def test_iterations_with_a_coarse_grid_for_all_fields_converge_in_flows_and_need
     with h5py.File(tmp_path / "x.h5") as file:
         assert file.attrs["complete"]
     done = pgran(2, "planar_shear.opts", tmp_path / "y.h5", *flow, check=False)
-    refused(done, "-pgran_coarse_correction true: it takes the Jacobian as blocks; allowed with "
-            "-dm_mat_type nest")
+    refused(done, "-pgran_coarse_correction true: requires -dm_mat_type nest")
 
 
 @pytest.mark.parametrize("width, depth", [(40, 1), (80, 1), (160, 2), (320, 3), (640, 4)])
