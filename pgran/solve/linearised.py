@@ -105,8 +105,8 @@ class LinearisedStep:
             if largest < TOLERANCE * size:
                 return
         raise SolutionError(f"Newton's method for the undisturbed step of {self.dt:g}/gdot0 (@@dt) "
-                            f"has changed the unknowns by {largest:.1e} in iteration {MAX_ITERATIONS}; "
-                            f"a smaller step may help")
+                            f"did not converge in {MAX_ITERATIONS} iterations: the last change is "
+                            f"{largest:.1e}. What may help: a smaller step")
 
     def _newton(self, local, state, increment):
         rows = self.form.residual(local, (local - state.local) / self.dt, increment)
@@ -214,8 +214,8 @@ def write_mode(path, form, rate, mode, option=("output", PREFIX)):
 
     The largest displacement of the mode is 1 d. The fields are ``displacement`` (d), ``velocity``
     (d gdot0), ``pressure`` and, if present, ``fluidity``, on a mesh displaced by at most `SHOWN`.
-    ``option`` names the file as for `pgran.output.writer.Writer`. Returns the `pgran.output.writer.Writer` and
-    the name of a field for a picture.
+    ``option`` names the file as for `pgran.output.writer.Writer`. Returns this writer and the name
+    of a field for a picture.
     """
     grid = form.grid
     x = states.snapshot_start(form).x if form.case.parameters.restart else (
