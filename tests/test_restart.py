@@ -290,8 +290,8 @@ sys.exit(main(sys.argv))
 
 def start(ranks, path, *more):
     """Start a long run in the background, in its own group of processes."""
-    line, environment = run_on_ranks.command(
-        ranks, "-m", "pgran", "-options_file", DIRECT, "-pgran_output", path, *map(str, LONG), *more)
+    arguments = "-options_file", DIRECT, "-pgran_output", path, *map(str, LONG), *more
+    line, environment = run_on_ranks.command(ranks, "-m", "pgran", *arguments)
     return subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.DEVNULL,
                             stderr=subprocess.PIPE, text=True, start_new_session=True)
 
@@ -435,24 +435,36 @@ def test_one_file_has_one_writer(tmp_path):
 
 
 FAULT = """
-import errno, os, resource, shutil, sys, petsc4py
-petsc4py.init(sys.argv)
+import errno, os, shutil, sys
 from pathlib import Path
-from petsc4py import PETSc
-from pgran.__main__ import main
-from pgran.output.writer import Writer
-allocate, record, calls, path = os.posix_fallocate, Writer.record, [], Path(sys.argv[-1])
+from mpi4py import MPI
+allocate, calls, path = os.posix_fallocate, [], Path(sys.argv[-1])
 def fail(*arguments):
     calls.append(1)
     if len(calls) == 9:
         {fault}
     return allocate(*arguments)
+{setup}
+from pgran.__main__ import main
+sys.exit(main(sys.argv))
+"""
+_PETSC = """
+import petsc4py
+petsc4py.init(sys.argv)
+from petsc4py import PETSc
+"""
+REMOVE = _PETSC + """
+from pgran.output.writer import Writer
+record = Writer.record
 def remove(self, **values):
     if self.comm.rank == 0 and self.steps == 5:
         os.unlink(self.path)
     record(self, **values)
-{setup}
-sys.exit(main(sys.argv))
+Writer.record = remove
+"""
+LIMIT = _PETSC + """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_100_000, 1_100_000))
 """
 _ERROR = "raise OSError(errno.{0}, os.strerror(errno.{0}))"
 
@@ -462,8 +474,8 @@ _ERROR = "raise OSError(errno.{0}, os.strerror(errno.{0}))"
     (_ERROR.format("EDQUOT"), "os.posix_fallocate = fail", "Disk quota exceeded"),
     (_ERROR.format("EROFS"), "os.posix_fallocate = fail", "Read-only file system"),
     ("shutil.rmtree(path.parent)", "os.posix_fallocate = fail", ""),
-    ("", "Writer.record = remove", "it was removed while the run wrote it"),
-    ("", "resource.setrlimit(resource.RLIMIT_FSIZE, (1_100_000, 1_100_000))", "File too large")],
+    ("", REMOVE, "it was removed while the run wrote it"),
+    ("", LIMIT, "File too large")],
     ids=["full disk", "quota", "read-only", "folder removed", "result removed", "size limit"])
 def test_a_failing_disk_gives_one_error_and_keeps_the_last_checkpoint(tmp_path, fault, setup,
                                                                       message):
@@ -502,7 +514,7 @@ def test_a_closed_pipe_does_not_end_a_run(tmp_path):
     (">/dev/full", ["pgran: warning: standard output cannot be written (No space left on device); "
                     "nothing more is shown"]),
     (">/dev/full 2>/dev/full", []), (">&-", []), (">&- 2>&- <&-", [])])
-def test_an_unwritable_log_does_not_end_a_run(tmp_path, streams, told):
+def test_an_unwritable_log_does_not_end_a_run(tmp_path, streams, warning):
     path = tmp_path / "run.h5"
     line, environment = run_on_ranks.command(0, "-m", "pgran", "-options_file",
                                        DIRECT, *SMALL,
