@@ -107,7 +107,8 @@ class Run:
             first = state.rest(form)
         self.landed = self.source.snapshots if self.source else 0
         self.driver = Driver(form, first, self.observe, is_steady,
-                             behind=self.checkpoint_values or None, interrupted=stop_request)
+                             checkpoint=self.checkpoint_values or None,
+                             stop_requested=stop_request)
         columns = tuple(name for name in HISTORY if not is_steady or name not in BALANCE)
         self.writer = Writer(self.parameters.output, form, columns=columns)
 

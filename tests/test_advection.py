@@ -221,7 +221,7 @@ def test_both_stresses_of_a_state_are_transported_and_rotated():
     # A step that only advects or only rotates is off by 0.1/2 of the tensor.
     assert np.abs(turned(dt) - turned(0.0)).max() > 0.05
     np.testing.assert_allclose(earlier, 2.0 * latest, atol=1e-12)
-    assert step.end(local, latest).earlier == pytest.approx(latest)
+    assert step.end(local, latest).previous_stress == pytest.approx(latest)
     assert step.courant_number == pytest.approx(
         dt * grid.shape[0] / (2.0 * np.pi), rel=0.02)  # rigid: the angle per element
 

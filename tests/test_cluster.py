@@ -38,7 +38,8 @@ def folder(tmp_path):
      "2 ranks, 24:00:00 hours, 3 GB", "--preserve-status --signal=USR1"),
     (["sweep", "1", "docs/examples/sweep.py", "4", "1", "2"], "sweep-sweep",
      "1 ranks, 01:00:00 hours, 2 GB", "0-3"),
-    (["scaling", "8"], "scaling", "8 ranks, 01:00:00 hours, 16 GB", 'study.sh bench weak "1 2 4 8"'),
+    (["scaling", "8"], "scaling", "8 ranks, 01:00:00 hours, 16 GB",
+     'study.sh bench weak "1 2 4 8"'),
     (["job", "8", "2", "12", "jobs/any.sh", "2 1 0.5"], "job-any",
      "8 ranks, 02:00:00 hours, 12 GB", r"jobs/any.sh 2\ 1\ 0.5")])
 def test_a_script_is_valid_and_has_time_and_memory(folder, system, arguments, name, header,

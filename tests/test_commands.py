@@ -29,7 +29,8 @@ def test_help_and_version_are_printed_once_on_ranks():
         f"pgran {pgran.__version__}\n")
     text = run_ranks(2, "-m", "pgran", limit=60, check=False).stdout
     assert text.count("Options of a run:") == 1 and 15 <= len(text.splitlines()) <= 25
-    for word in ("-options_file", "-help all", "-doctor", "docs/reference/options.md", "biaxial", "ngf"):
+    for word in ("-options_file", "-help all", "-doctor", "docs/reference/options.md", "biaxial",
+                 "ngf"):
         assert word in text
 
 

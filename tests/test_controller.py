@@ -1,4 +1,4 @@
-"""The step controller keeps its promises without a flow."""
+"""Step sizes of the step controller, without a flow."""
 
 import numpy as np
 import pytest
@@ -10,11 +10,11 @@ def controller(targets=(1.0,), limit=0.1, largest=0.05, growth=1.5, unresolved=1
     return StepController(limit, largest, growth, unresolved, targets)
 
 
-def steps(control, departure, first=1e-3, most=10_000):
-    """Return the times that a run visits whose steps depart by ``departure(time, dt)``."""
+def steps(control, error, first=1e-3, maximum=10_000):
+    """Return the times of the steps of a run with the error estimate ``error(time, dt)``."""
     time, dt, times = 0.0, control.start(0.0, first), [0.0]
-    for _ in range(most):
-        while (smaller := control.smaller(dt, departure(time, dt))) is not None:
+    for _ in range(maximum):
+        while (smaller := control.smaller(dt, error(time, dt))) is not None:
             assert smaller < dt
             dt = smaller
         time += dt
@@ -23,11 +23,11 @@ def steps(control, departure, first=1e-3, most=10_000):
         times.append(time)
         if control.finished:
             return np.array(times)
-        dt = control.next(time, dt, departure(times[-2], dt))
+        dt = control.next(time, dt, error(times[-2], dt))
     raise AssertionError("the run does not end")
 
 
-def test_every_target_is_reached_exactly_and_no_sliver_is_left():
+def test_every_target_is_reached_exactly_without_a_tiny_step():
     targets = (0.1, 0.1003, 0.5, 1.0)
     times = steps(controller(targets), lambda time, dt: 0.0)
     assert set(targets) <= set(times)
@@ -44,25 +44,25 @@ def test_steps_grow_to_the_largest_one_and_no_faster():
     assert len(sizes) < 45
 
 
-def test_departures_stay_within_twice_the_limit():
-    """A growing mode: the departure goes with dt^2, ever faster."""
-    def departure(time, dt):
+def test_errors_stay_within_twice_the_limit():
+    """A growing mode: the error is proportional to dt^2."""
+    def error(time, dt):
         return 40.0 * (1.0 + 5.0 * np.sin(20.0 * time)**2) * dt**2
 
-    times = steps(controller(), departure)
-    found = [departure(time, dt) for time, dt in zip(times, np.diff(times))]
+    times = steps(controller(), error)
+    found = [error(time, dt) for time, dt in zip(times, np.diff(times))]
     assert max(found) <= 0.2
     assert np.median(found) > 0.02  # and steps are not needlessly small
 
 
-def test_what_is_not_resolved_does_not_shrink_steps():
+def test_errors_do_not_reduce_steps_below_the_resolved_size():
     control = controller(unresolved=0.01)
     assert control.smaller(0.015, 1e6) is None
     assert control.smaller(0.03, 1e6) == pytest.approx(0.3 * 0.03)
     assert control.next(0.0, 0.015, 1e6) == pytest.approx(0.01)
 
 
-def test_a_step_cut_to_land_is_followed_by_the_one_that_was_wanted():
+def test_a_step_reduced_for_a_target_is_followed_by_the_desired_step():
     control = controller(targets=(0.012, 1.0), largest=0.01)
     assert control.start(0.0, 0.01) == pytest.approx(0.006)  # half of what is left
     assert control.next(0.006, 0.006, 0.1) == pytest.approx(0.006)
@@ -75,7 +75,7 @@ def test_rounding_does_not_hide_a_target():
     assert control.land(0.1 + 0.2 - 1e-16) == 0.3 and control.finished
 
 
-def test_a_step_that_was_cut_and_then_failed_is_not_tried_again():
+def test_a_reduced_step_that_failed_is_not_repeated():
     control = StepController(0.1, 1.0, 1.5, 1e-9, [1.0])
     assert control.start(0.0, 0.8) == pytest.approx(0.5)
     assert control.next(0.03125, 0.03125, 0.1) == pytest.approx(0.9 * 0.03125)

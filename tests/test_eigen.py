@@ -1,4 +1,4 @@
-"""SLEPc's spectra of the solver's own Jacobian agree with the closed forms."""
+"""Spectra of the Jacobian agree with linear theory."""
 
 import json
 
@@ -24,7 +24,7 @@ def pairs(ranks, *arguments):
 
 
 def pairs_here(k=None, targets=None, **options):
-    """What `pairs` returns, found in this process."""
+    """Return the rows of `pgran.solve.spectrum.spectrum` in this process."""
     from petsc4py import PETSc
 
     PETSc.Options().setValue("eps_tol", "1e-10")
@@ -45,7 +45,7 @@ def test_fastest_mode_has_its_analytic_growth(ranks, elements, limit):
 
 
 @pytest.mark.parametrize("model", ["ngf", "ngf_primitive"])
-def test_infinite_eigenvalues_are_never_answers(model):
+def test_infinite_eigenvalues_are_discarded(model):
     cell = "-pgran_model", model, "-pgran_cell_elements", 4
     few, many = pairs(0, *cell), pairs(0, *cell, "-eps_nev", 300)
     assert len(many) > 50
@@ -60,7 +60,7 @@ def test_error_falls_with_order_4(elements, order):
     assert np.log2(errors[0] / errors[1]) > order
 
 
-def test_growth_of_li_rises_with_the_square_of_the_wave_number():
+def test_growth_of_li_is_proportional_to_the_square_of_the_wave_number():
     found = [pairs_here((0.065 * n, 0.053 * n), model="li") for n in (1, 2, 4)]
     rates = []
     for pair_list in found:
@@ -71,7 +71,7 @@ def test_growth_of_li_rises_with_the_square_of_the_wave_number():
 
 
 @pytest.mark.parametrize("relaxation_time, law", [(1e-3, "jop"), (0.1, "bingham"), (10.0, "jop")])
-def test_primitive_form_grows_as_its_theory_says(relaxation_time, law):
+def test_dynamic_ngf_grows_at_its_analytical_rate(relaxation_time, law):
     given = {"model": "ngf_primitive", "law": law, "relaxation_time": relaxation_time}
     found = pairs_here(cell_elements=32, **given)
     rates = theory(parameters(case="periodic", **given), np.array([[0.04, 0.03], [0.1, 0]]))
@@ -142,18 +142,18 @@ def test_sweep_compares_the_plane_of_wave_vectors(tmp_path):
     assert table.size == 4 and (table["relative_error"] < 0.01).all()
 
 
-def test_a_sweep_that_is_cut_off_keeps_what_it_found(tmp_path):
-    """The second wave vector fails: the line of the first is on the disk."""
+def test_an_interrupted_sweep_keeps_its_rows(tmp_path):
+    """The second wave vector fails after the row of the first is written."""
     code = """
 import sys, slepc4py
 slepc4py.init(sys.argv)
 from pgran.solve import spectrum
-whole, calls = spectrum.spectrum, []
+original, calls = spectrum.spectrum, []
 def cut(*arguments):
     if calls:
         raise MemoryError("no more")
     calls.append(1)
-    return whole(*arguments)
+    return original(*arguments)
 spectrum.spectrum = cut
 from pgran.eigen import main
 sys.exit(main(sys.argv))
@@ -184,7 +184,7 @@ def test_bad_input_gets_one_clear_error(arguments, message):
 
 
 def test_the_spectrum_about_a_snapshot_of_a_flowing_specimen_is_found_by_default(tmp_path):
-    """Newton's method for the undisturbed step starts far from its solution."""
+    """Newton's method for the undisturbed step begins far from its solution."""
     run_ranks(0, "-m", "pgran", "-options_file", ROOT / "options" / "direct.opts",
               "-pgran_element_size", 8, "-pgran_compression", 0.02, "-pgran_output",
               tmp_path / "x.h5")

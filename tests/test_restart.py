@@ -1,4 +1,4 @@
-"""A run that is stopped, killed or short of disk loses nothing, and goes on to the same end."""
+"""A run that is stopped, killed or out of disk space is continued to the same result."""
 
 import random
 import signal
@@ -17,11 +17,12 @@ from pgran.output.result import Result
 from pgran.runs import run_on_ranks
 from pgran.solve import state
 
-#: A specimen that yields, in some twenty steps that take a second.
+#: A specimen that yields in about twenty steps, which take a second.
 SMALL = "-pgran_element_size", 8, "-pgran_compression", 0.008, "-pgran_progress", "quiet"
 SHORT = *SMALL, "-pgran_snapshots", "0.004,0.008"
-#: One that takes long enough to be met on its way.
+#: A run that takes long enough to be interrupted.
 LONG = *SHORT, "-pgran_element_size", 4
+DIRECT = ROOT / "options" / "direct.opts"
 #: Exit code of a run that a signal has stopped.
 STOPPED = 75
 
@@ -33,7 +34,7 @@ def history(path):
 
 
 def same(path, other, tolerance):
-    """Assert that two results are the same: fields, snapshots and history."""
+    """Assert that fields, snapshots and history of two results are equal."""
     found = differences(path, other)
     assert max(found.values()) <= tolerance, found
     with h5py.File(path) as a, h5py.File(other) as b:
@@ -58,7 +59,7 @@ def short(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def long(tmp_path_factory):
-    """A longer one."""
+    """A longer uninterrupted run on one rank."""
     path = tmp_path_factory.mktemp("long") / "long.h5"
     pgran(0, "direct.opts", path, *LONG)
     return path
@@ -73,6 +74,8 @@ def test_a_restart_on_the_same_ranks_gives_the_same_result(short, tmp_path):
         assert last.attrs["time"] == file["history/time"][-1]  # where it stopped
     done = pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path)
     same(short, path, 1e-10)
+    for name in ("newton_iterations", "linear_iterations"):
+        np.testing.assert_array_equal(history(path)[name], history(short)[name])
     with h5py.File(path) as file:
         kept = [file["snapshots"].get(name, getlink=True).filename for name in file["snapshots"]]
     assert sorted(entry.name for entry in tmp_path.iterdir() if "checkpoint" not in entry.name) == [
@@ -80,7 +83,7 @@ def test_a_restart_on_the_same_ranks_gives_the_same_result(short, tmp_path):
     assert path.with_suffix(".xdmf").read_text().count("<Time") == 2
 
 
-def test_a_run_goes_on_on_any_number_of_ranks(short, tmp_path):
+def test_a_run_continues_on_any_number_of_ranks(short, tmp_path):
     path = tmp_path / "run.h5"
     pgran(2, "direct.opts", path, *SHORT, "-ts_max_steps", 8)
     for ranks, steps in ((4, 13), (0, 16), (3, 10**6)):
@@ -97,8 +100,8 @@ def test_a_run_goes_on_on_any_number_of_ranks(short, tmp_path):
     ("periodic.opts", 14, ("-pgran_cell_elements", 4, "-pgran_end_time", 0.003)),
     ("planar_shear.opts", 8, ("-ts_type", "beuler", "-pgran_end_time", 0.002))],
     ids=["fieldsplit", "li", "inertia and jop", "plates hold", "periodic", "fixed mesh"])
-def test_every_kind_of_run_goes_on(tmp_path, options_file, steps, more):
-    paths = [tmp_path / f"{name}.h5" for name in ("whole", "run")]
+def test_every_kind_of_run_can_be_continued(tmp_path, options_file, steps, more):
+    paths = [tmp_path / f"{name}.h5" for name in ("complete", "run")]
     pgran(0, options_file, paths[0], *more)
     pgran(2 if options_file == "biaxial.opts" else 0, options_file, paths[1], *more,
           "-ts_max_steps", steps)
@@ -107,18 +110,17 @@ def test_every_kind_of_run_goes_on(tmp_path, options_file, steps, more):
     same(*paths, 5e-3 if options_file == "biaxial.opts" else 1e-7)
 
 
-#: A column of a layer on a slope, followed in time up to a time that comes next.
+#: A column of a layer on a slope; the end time follows.
 SLOPE = ("-ts_type", "beuler", "-pgran_width", 1, "-pgran_element_size", 1, "-pgran_progress",
          "quiet", "-pgran_end_time")
 
 
 @pytest.mark.parametrize("options_file, stops, more", [
-    ("direct.opts", (17,), SHORT),
     # Stopped after one attempt of the first step, which failed.
     ("inclined_plane.opts", (1, 8), (
         *SLOPE, 0.01, "-pgran_height", 6, "-pgran_model", "ngf_primitive", "-pgran_snapshots",
         "0.0011,0.0012,0.004")),
-    # It speeds up through the speed of rest.
+    # It accelerates beyond the rest speed.
     ("inclined_plane.opts", (12,), (
         *SLOPE, 0.6, "-pgran_height", 6, "-pgran_inertia", "true", "-pgran_model", "li",
         "-pgran_rest_speed", 0.1, "-pgran_step_max", 0.05)),
@@ -127,26 +129,29 @@ SLOPE = ("-ts_type", "beuler", "-pgran_width", 1, "-pgran_element_size", 1, "-pg
         *SLOPE, 50, "-pgran_height", 2, "-pgran_inertia", "true", "-pgran_model", "li",
         "-pgran_slope", 15, "-pgran_start", "flow", "-pgran_rest_speed", 0.05, "-pgran_step_max",
         0.1))],
-    ids=["specimen", "close targets", "speeding up", "coming to rest"])
-def test_a_restarted_run_takes_the_steps_of_the_whole_one(tmp_path, options_file, stops, more):
-    whole = tmp_path / "whole.h5"
-    pgran(0, options_file, whole, *more)
-    with h5py.File(whole) as file:
+    ids=["close targets", "speeding up", "coming to rest"])
+def test_a_restarted_run_makes_the_same_steps(tmp_path, options_file, stops, more):
+    complete = tmp_path / "complete.h5"
+    pgran(0, options_file, complete, *more)
+    with h5py.File(complete) as file:
         expected = dict(file.attrs)
     for stop in stops:
         path = tmp_path / f"{stop}.h5"
         pgran(0, options_file, path, *more, "-ts_max_steps", stop)
-        assert len(history(path)["time"]) <= stop < len(history(whole)["time"])
+        assert len(history(path)["time"]) <= stop < len(history(complete)["time"])
+        for entry in checkpoint.checkpoints_of(path):
+            with h5py.File(entry, "r+") as file:  # as written by earlier versions
+                file.attrs.pop("at_rest", None)
         pgran(0, options_file, path, *more, "-pgran_restart", path)
-        same(whole, path, 1e-10)
+        same(complete, path, 1e-10)
         for name in ("newton_iterations", "linear_iterations"):
-            np.testing.assert_array_equal(history(path)[name], history(whole)[name])
+            np.testing.assert_array_equal(history(path)[name], history(complete)[name])
         with h5py.File(path) as file:
             for name in ("steps", "steps_repeated"):
                 assert file.attrs[name] == expected[name]
 
 
-def test_a_run_that_has_come_to_rest_stays_there(tmp_path):
+def test_a_run_at_rest_is_not_continued_without_a_smaller_rest_speed(tmp_path):
     path = tmp_path / "run.h5"
     more = (*SLOPE, 50, "-pgran_height", 2, "-pgran_inertia", "true", "-pgran_model", "li",
             "-pgran_slope", 15, "-pgran_start", "flow", "-pgran_step_max", 0.1,
@@ -160,7 +165,7 @@ def test_a_run_that_has_come_to_rest_stays_there(tmp_path):
     assert times[-1] < history(path)["time"][-1] < 5.0
 
 
-def test_a_restart_after_an_error_begins_with_the_step_that_is_wanted(tmp_path):
+def test_a_restart_after_an_error_begins_with_the_desired_step(tmp_path):
     path = tmp_path / "run.h5"
     more = *SMALL, "-pgran_step_first", 1.5e-4
     done = pgran(0, "direct.opts", path, *more, "-pgran_step_min", 1e-4, check=False)
@@ -175,25 +180,12 @@ def test_a_restart_after_an_error_begins_with_the_step_that_is_wanted(tmp_path):
     assert history(path)["step_size"][steps] == wanted
 
 
-def test_a_checkpoint_of_an_earlier_version_goes_on(tmp_path):
-    paths = [tmp_path / f"{name}.h5" for name in ("whole", "run")]
-    more = (*SLOPE, 0.4, "-pgran_height", 6, "-pgran_inertia", "true", "-pgran_model", "li",
-            "-pgran_rest_speed", 0.1, "-pgran_step_max", 0.05)
-    pgran(0, "inclined_plane.opts", paths[0], *more)
-    pgran(0, "inclined_plane.opts", paths[1], *more, "-ts_max_steps", 5)
-    for entry in checkpoint.checkpoints_of(paths[1]):
-        with h5py.File(entry, "r+") as file:
-            file.attrs.pop("at_rest", None)
-    pgran(0, "inclined_plane.opts", paths[1], *more, "-pgran_restart", paths[1])
-    same(*paths, 1e-10)
-
-
 def test_a_seeded_run_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(run_on_ranks, "RANKS", 0)
     from studies import growth
 
     _, given = growth.eigenmode(tmp_path / "mode.h5", 4)
-    paths = [tmp_path / f"{name}.h5" for name in ("whole", "run")]
+    paths = [tmp_path / f"{name}.h5" for name in ("complete", "run")]
     cell = [text for name in ("width", "height", "cell_elements")
             for text in (f"-pgran_{name}", given[f"pgran_{name}"])]
     more = (*cell, "-pgran_inertia", "true", "-pgran_imperfection", 1, "-pgran_mode_file",
@@ -205,23 +197,14 @@ def test_a_seeded_run_goes_on(tmp_path, monkeypatch):
     same(*paths, 1e-10)
 
 
-def test_a_restart_with_another_name_begins_with_what_was(short, tmp_path):
-    path, other = tmp_path / "run.h5", tmp_path / "other.h5"
-    pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 16)
-    kept = path.read_bytes()
-    pgran(0, "direct.opts", other, *SHORT, "-pgran_restart", path)
-    same(short, other, 1e-10)
-    assert path.read_bytes() == kept
-
-
-def test_a_run_that_has_ended_can_go_further(short, tmp_path):
+def test_a_complete_run_can_be_extended(short, tmp_path):
     path = tmp_path / "run.h5"
     pgran(0, "direct.opts", path, *SMALL, "-pgran_compression", 0.004)
     pgran(0, "direct.opts", path, "-pgran_restart", path, "-pgran_compression", 0.008)
-    same(short, path, 1e-10)  # width, element size and all else are those of the run
+    same(short, path, 1e-10)  # with the other options of the run
 
 
-def test_what_a_restart_may_not_change_is_named(tmp_path):
+def test_options_that_a_restart_cannot_change_are_named(tmp_path):
     path = tmp_path / "run.h5"
     pgran(0, "direct.opts", path, *SMALL, "-ts_max_steps", 2)
     done = pgran(2, "direct.opts", path, "-pgran_restart", path, "-pgran_width", 80,
@@ -232,26 +215,27 @@ def test_what_a_restart_may_not_change_is_named(tmp_path):
     refused(done, "is later than the requested end of the run")
 
 
-def test_a_damaged_checkpoint_is_passed_over(short, tmp_path):
+def test_a_damaged_checkpoint_is_skipped(short, tmp_path):
     path = tmp_path / "run.h5"
     pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 17, "-pgran_checkpoint_steps", 5)
     newest, older = checkpoint.checkpoints_of(path)
     assert [entry.name for entry in (newest, older)] == [
         "run.checkpoint_000017.h5", "run.checkpoint_000015.h5"]
-    content = bytearray(newest.read_bytes())
+    content, kept = bytearray(newest.read_bytes()), path.read_bytes()
     for damage in (content[:len(content) // 2], b"", content[:-5000] + bytes(5000)):
         newest.write_bytes(damage)
         done = pgran(0, "direct.opts", tmp_path / "other.h5", *SHORT, "-pgran_restart", path,
                      "-pgran_progress", "brief")
         assert "skipped a damaged checkpoint, run.checkpoint_000017.h5: " in done.stdout
         same(short, tmp_path / "other.h5", 1e-7)
+    assert path.read_bytes() == kept  # a restart with another name keeps the result
     older.write_bytes(b"")
     refused(pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path, check=False),
             "it has no checkpoint to resume from", older.name, newest.name)
 
 
 def put(name, values):
-    """Return what gives a dataset of an open file other values."""
+    """Return a function that replaces the values of a dataset."""
     def damage(file):
         del file[name]
         file[name] = values
@@ -259,21 +243,23 @@ def put(name, values):
     return damage
 
 
-#: What is done to an open checkpoint, and what is said of it.
+#: Messages for damaged checkpoints, and the damage.
 DAMAGE = {
-    "coordinates is not an array of 31 x 11 x 2 numbers": lambda file: file.pop("nodes/coordinates"),
+    "coordinates is not an array of 31 x 11 x 2 numbers":
+        lambda file: file.pop("nodes/coordinates"),
     "pressure is not an array of 16 x 6 numbers": put("corners", 1.0),
-    "stress is not an array of 15 x 5 x 3 x 9 numbers": put("elements/stress", np.zeros((15, 5, 2, 9))),
+    "stress is not an array of 15 x 5 x 3 x 9 numbers":
+        put("elements/stress", np.zeros((15, 5, 2, 9))),
     "fluidity is not an array of 31 x 11 numbers": put("nodes/fluidity", np.full((31, 11), b"1")),
     "earlier_stress is not an array": lambda file: file.pop("elements/earlier_stress"),
     "velocity contains NaN": put("nodes/velocity", np.full((31, 11, 2), np.nan)),
     "time is not a finite number": lambda file: file.attrs.modify("time", np.nan),
     "wanted is not a finite number": lambda file: file.attrs.create("wanted", "soon"),
-    "its numbers are those of no run": lambda file: file.attrs.create("period", 0.0),
+    "it contains invalid numbers": lambda file: file.attrs.create("period", 0.0),
     "steps is missing": lambda file: file.attrs.pop("steps")}
 
 
-def test_a_checkpoint_that_lacks_what_a_run_needs_is_passed_over(tmp_path):
+def test_an_incomplete_checkpoint_is_skipped(tmp_path):
     path = tmp_path / "run.h5"
     pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 9, "-pgran_checkpoint_steps", 5)
     newest, older = checkpoint.checkpoints_of(path)
@@ -287,7 +273,7 @@ def test_a_checkpoint_that_lacks_what_a_run_needs_is_passed_over(tmp_path):
         assert damaged[0].startswith(f"{newest.name}: {words}")
 
 
-def test_a_run_that_dies_at_once_after_it_went_on_can_go_on_again(short, tmp_path):
+def test_a_restarted_run_that_is_killed_in_its_first_step_can_be_restarted(short, tmp_path):
     path = tmp_path / "run.h5"
     pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 8)
     code = """
@@ -297,22 +283,23 @@ from pgran.__main__ import Run, main
 Run.checkpoint = lambda self: os._exit(9)
 sys.exit(main(sys.argv))
 """
-    done = run_ranks(0, "-c", code, "-options_file", ROOT / "options" / "direct.opts", *SHORT,
+    done = run_ranks(0, "-c", code, "-options_file", DIRECT, *SHORT,
                      "-pgran_output", path, "-pgran_restart", path, check=False)
     assert done.returncode == 9 and len(history(path)["time"]) == 9
     pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path)
     same(short, path, 1e-7)
 
 
-def start(ranks, *arguments):
-    """Start a run in the background, in its own group of processes."""
+def start(ranks, path, *more):
+    """Start a long run in the background, in its own group of processes."""
+    arguments = "-options_file", DIRECT, "-pgran_output", path, *map(str, LONG), *more
     line, environment = run_on_ranks.command(ranks, "-m", "pgran", *arguments)
     return subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.DEVNULL,
                             stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
 def wait_for(path, steps, limit=60.0):
-    """Wait until a result that is being written holds some steps."""
+    """Wait until a result contains ``steps`` steps."""
     end = time.monotonic() + allowed(limit)
     while time.monotonic() < end:
         if path.exists() and len(history(path)["time"]) >= steps:
@@ -323,10 +310,9 @@ def wait_for(path, steps, limit=60.0):
 
 @pytest.mark.parametrize("name, ranks", [("SIGTERM", 0), ("SIGINT", 0), ("SIGUSR1", 2),
                                          ("SIGUSR2", 0)])
-def test_a_signal_stops_a_run_with_a_checkpoint_and_its_own_exit_code(long, tmp_path, name, ranks):
+def test_a_signal_stops_a_run_with_a_checkpoint_and_exit_code_75(long, tmp_path, name, ranks):
     path = tmp_path / "run.h5"
-    run = start(ranks, "-options_file", ROOT / "options" / "direct.opts", "-pgran_output", path,
-                *map(str, LONG))
+    run = start(ranks, path)
     wait_for(path, 5)
     run.send_signal(getattr(signal, name))
     errors = run.communicate(timeout=allowed(60))[1]
@@ -354,11 +340,10 @@ runpy.run_module("pgran", run_name="__main__", alter_sys=True)
 @pytest.mark.parametrize("kind, words", [
     ("beuler", "resume with: <same command> -pgran_restart {path}"),
     ("pseudo", "there is nothing to resume from: start it again")])
-def test_a_run_that_is_asked_to_stop_before_its_first_step_says_so(short, tmp_path, module, kind,
-                                                                   words):
+def test_a_signal_before_the_first_step_stops_the_run(short, tmp_path, module, kind, words):
     path = tmp_path / "run.h5"
     done = run_ranks(0, "-c", EARLY.format(module=module), "-options_file",
-                     ROOT / "options" / "direct.opts", *SHORT, "-ts_type", kind, "-pgran_output",
+                     DIRECT, *SHORT, "-ts_type", kind, "-pgran_output",
                      path, check=False)
     assert done.returncode == STOPPED, done.stderr
     assert done.stderr.splitlines() == [
@@ -368,11 +353,11 @@ def test_a_run_that_is_asked_to_stop_before_its_first_step_says_so(short, tmp_pa
         same(short, path, 1e-10)
 
 
-def test_launch_passes_a_signal_on_and_goes_on_later(long, tmp_path, monkeypatch):
+def test_the_launcher_forwards_a_signal_and_restarts_the_run(long, tmp_path, monkeypatch):
     monkeypatch.setattr(run_on_ranks, "RANKS", 0)
     path = tmp_path / "run.h5"
     line, environment = run_on_ranks.command(0, "-m", "pgran.runs.run_on_ranks", path,
-                                       ROOT / "options" / "direct.opts", *map(str, LONG))
+                                       DIRECT, *map(str, LONG))
     with subprocess.Popen(line, env=environment, cwd=ROOT, stderr=subprocess.PIPE,
                           text=True) as run:
         wait_for(path, 3)
@@ -380,12 +365,12 @@ def test_launch_passes_a_signal_on_and_goes_on_later(long, tmp_path, monkeypatch
         errors = run.communicate(timeout=allowed(60))[1]
     assert run.returncode == STOPPED, errors
     before, = checkpoint.checkpoints_of(path)
-    run_on_ranks.run(path, ROOT / "options" / "direct.opts", *LONG)  # the same command goes on
+    run_on_ranks.run(path, DIRECT, *LONG)  # the same command restarts
     same(long, path, 1e-7)
     assert not before.exists() or len(checkpoint.checkpoints_of(path)) == 2
 
 
-def test_ranks_that_a_signal_ends_before_they_can_note_it_count_as_stopped():
+def test_ranks_killed_by_a_forwarded_signal_count_as_stopped():
     code = """
 from pgran.runs import run_on_ranks
 print(run_on_ranks.python(0, "-c", "import time; print('here', flush=True); time.sleep(30)",
@@ -401,21 +386,19 @@ print(run_on_ranks.python(0, "-c", "import time; print('here', flush=True); time
 
 @pytest.mark.nightly
 def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(long, tmp_path):
-    """The short form of jobs/kill.sh."""
+    """See also jobs/studies/kill.py."""
     path, chance = tmp_path / "run.h5", random.Random(11)
-    options = ("-options_file", ROOT / "options" / "direct.opts", "-pgran_output", path,
-               "-pgran_checkpoint_steps", "2", *map(str, LONG))
     for ranks in (2, 0, 2):
         again = ("-pgran_restart", path) if checkpoint.checkpoints_of(path) else ()
         if not again:
             path.unlink(missing_ok=True)
         steps = len(history(path)["time"]) if path.exists() else 0
-        run = start(ranks, *options, *again)
+        run = start(ranks, path, "-pgran_checkpoint_steps", "2", *again)
         wait_for(path, steps + 3)
         time.sleep(0.3 * chance.random())
         run_on_ranks.kill(run)
         run.communicate()
-        with h5py.File(path) as file:  # whole, whatever happened
+        with h5py.File(path) as file:  # complete after every kill
             assert len(file["history/time"]) >= steps
             for group in file["snapshots"].values():
                 assert np.isfinite(group["velocity"][...]).all()
@@ -423,10 +406,9 @@ def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(long, tm
     same(long, path, 1e-7)
 
 
-def test_history_is_on_the_disk_while_the_run_goes_on_and_readers_do_not_disturb_it(tmp_path):
+def test_the_history_can_be_read_during_the_run(tmp_path):
     path = tmp_path / "run.h5"
-    run = start(2, "-options_file", ROOT / "options" / "direct.opts", "-pgran_output", path,
-                *map(str, LONG))
+    run = start(2, path)
     wait_for(path, 4)
     with h5py.File(path) as held:  # an open reader
         seen = len(held["history/time"])
@@ -443,98 +425,82 @@ def test_history_is_on_the_disk_while_the_run_goes_on_and_readers_do_not_disturb
 
 def test_one_file_has_one_writer(tmp_path):
     path = tmp_path / "run.h5"
-    run = start(0, "-options_file", ROOT / "options" / "direct.opts", "-pgran_output", path,
-                *map(str, LONG))
+    run = start(0, path)
     wait_for(path, 2)
-    run.send_signal(signal.SIGSTOP)  # so that it is not finished before the other one asks
+    run.send_signal(signal.SIGSTOP)  # so that it still runs when the other one starts
     done = pgran(2, "direct.opts", path, *SMALL, check=False)
     refused(done, f"-pgran_output {path}: another run writes it (process {run.pid} on ")
     for number in (signal.SIGTERM, signal.SIGCONT):
         run.send_signal(number)
     run.communicate()
-    assert not list(tmp_path.glob(".*"))  # neither a lock nor a draft is left
+    assert not list(tmp_path.glob(".*"))  # no lock and no temporary file
 
 
 FAULT = """
 import errno, os, shutil, sys
 from pathlib import Path
 from mpi4py import MPI
-whole, calls = os.posix_fallocate, []
-def full(*arguments):
+allocate, calls, path = os.posix_fallocate, [], Path(sys.argv[-1])
+def fail(*arguments):
     calls.append(1)
-    if len(calls) == {call}:
+    if len(calls) == 9:
         {fault}
-    return whole(*arguments)
-os.posix_fallocate = full
+    return allocate(*arguments)
+{setup}
 from pgran.__main__ import main
 sys.exit(main(sys.argv))
 """
-
-
-@pytest.mark.parametrize("fault, message", [
-    ("raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))", "No space left on device"),
-    ("raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT))", "Disk quota exceeded"),
-    ("raise OSError(errno.EROFS, os.strerror(errno.EROFS))", "Read-only file system"),
-    ("shutil.rmtree(Path(sys.argv[-1]).parent)", "")],
-    ids=["full disk", "quota", "read-only", "folder removed"])
-def test_a_disk_that_fails_ends_in_one_error_with_the_last_checkpoint_intact(tmp_path, fault,
-                                                                             message):
-    path = tmp_path / "inner" / "run.h5"
-    path.parent.mkdir()
-    done = run_ranks(2, "-c", FAULT.format(call=9, fault=fault), "-options_file",
-                     ROOT / "options" / "direct.opts", *SMALL, "-pgran_checkpoint_steps", 2,
-                     "-pgran_output", path, check=False, limit=60)
-    refused(done, f"-pgran_output {path}: {message}")
-    if "rmtree" in fault:
-        return
-    assert checkpoint.checkpoints_of(path)
-    pgran(0, "direct.opts", path, *SMALL, "-pgran_restart", path, "-pgran_compression", 0.002)
-    with h5py.File(path) as file:
-        assert file.attrs["complete"]
-    assert not list(path.parent.glob(".*"))
-
-
-def test_a_result_that_is_removed_while_it_is_written_ends_the_run(tmp_path):
-    path = tmp_path / "run.h5"
-    code = """
-import os, sys, petsc4py
-petsc4py.init(sys.argv)
-from pgran.output.writer import Writer
-from pgran.__main__ import main
-whole = Writer.record
-def record(self, **values):
-    if self.comm.rank == 0 and self.steps == 5:
-        os.unlink(self.path)
-    whole(self, **values)
-Writer.record = record
-sys.exit(main(sys.argv))
-"""
-    done = run_ranks(2, "-c", code, "-options_file", ROOT / "options" / "direct.opts", *SMALL,
-                     "-pgran_output", path, check=False, limit=60)
-    refused(done, f"-pgran_output {path}: it was removed while the run wrote it")
-
-
-def test_a_limit_of_the_file_size_is_met_before_hdf5_meets_it(tmp_path):
-    path = tmp_path / "run.h5"
-    code = """
-import resource, sys, petsc4py
+_PETSC = """
+import petsc4py
 petsc4py.init(sys.argv)
 from petsc4py import PETSc
-resource.setrlimit(resource.RLIMIT_FSIZE, (1_100_000, 1_100_000))
-from pgran.__main__ import main
-sys.exit(main(sys.argv))
 """
-    done = run_ranks(2, "-c", code, "-options_file", ROOT / "options" / "direct.opts", *SMALL,
-                     "-pgran_checkpoint_steps", 4, "-pgran_output", path, check=False, limit=60)
-    refused(done, f"-pgran_output {path}: File too large")
-    assert len(history(path)["time"]) >= 1  # what was written is there
-    assert not list(tmp_path.glob(".*"))
+REMOVE = _PETSC + """
+from pgran.output.writer import Writer
+record = Writer.record
+def remove(self, **values):
+    if self.comm.rank == 0 and self.steps == 5:
+        os.unlink(self.path)
+    record(self, **values)
+Writer.record = remove
+"""
+LIMIT = _PETSC + """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_100_000, 1_100_000))
+"""
+_ERROR = "raise OSError(errno.{0}, os.strerror(errno.{0}))"
 
 
-def test_output_into_a_closed_pipe_does_not_end_a_run(tmp_path):
+@pytest.mark.parametrize("fault, setup, message", [
+    (_ERROR.format("ENOSPC"), "os.posix_fallocate = fail", "No space left on device"),
+    (_ERROR.format("EDQUOT"), "os.posix_fallocate = fail", "Disk quota exceeded"),
+    (_ERROR.format("EROFS"), "os.posix_fallocate = fail", "Read-only file system"),
+    ("shutil.rmtree(path.parent)", "os.posix_fallocate = fail", ""),
+    ("", REMOVE, "it was removed while the run wrote it"),
+    ("", LIMIT, "File too large")],
+    ids=["full disk", "quota", "read-only", "folder removed", "result removed", "size limit"])
+def test_a_failing_disk_gives_one_error_and_keeps_the_last_checkpoint(tmp_path, fault, setup,
+                                                                      message):
+    path = tmp_path / "inner" / "run.h5"
+    path.parent.mkdir()
+    done = run_ranks(2, "-c", FAULT.format(fault=fault or "pass", setup=setup), "-options_file",
+                     DIRECT, *SMALL, "-pgran_checkpoint_steps", 2, "-pgran_output", path,
+                     check=False, limit=60)
+    refused(done, f"-pgran_output {path}: {message}")
+    if message == "File too large":
+        assert len(history(path)["time"]) >= 1 and not list(path.parent.glob(".*"))
+    elif "OSError" in fault:
+        assert checkpoint.checkpoints_of(path)
+        pgran(0, "direct.opts", path, *SMALL, "-pgran_restart", path, "-pgran_compression", 0.002)
+        with h5py.File(path) as file:
+            assert file.attrs["complete"]
+        assert not list(path.parent.glob(".*"))
+
+
+def test_a_closed_pipe_does_not_end_a_run(tmp_path):
     path = tmp_path / "run.h5"
     line, environment = run_on_ranks.command(0, "-m", "pgran", "-options_file",
-                                       ROOT / "options" / "direct.opts", *map(str, SMALL),
+                                       DIRECT, *map(str, SMALL),
                                        "-pgran_progress", "steps", "-pgran_compression", "0.002",
                                        "-pgran_output", path)
     with subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.PIPE,
@@ -546,24 +512,24 @@ def test_output_into_a_closed_pipe_does_not_end_a_run(tmp_path):
     assert np.isfinite(fields["velocity"]).all()
 
 
-@pytest.mark.parametrize("streams, told", [
+@pytest.mark.parametrize("streams, warning", [
     (">/dev/full", ["pgran: warning: standard output cannot be written (No space left on device); "
                     "nothing more is shown"]),
     (">/dev/full 2>/dev/full", []), (">&-", []), (">&- 2>&- <&-", [])])
-def test_a_log_that_cannot_be_written_does_not_end_a_run(tmp_path, streams, told):
+def test_an_unwritable_log_does_not_end_a_run(tmp_path, streams, warning):
     path = tmp_path / "run.h5"
     line, environment = run_on_ranks.command(0, "-m", "pgran", "-options_file",
-                                       ROOT / "options" / "direct.opts", *SMALL,
+                                       DIRECT, *SMALL,
                                        "-pgran_progress", "steps", "-pgran_compression", "0.001",
                                        "-ts_monitor", "-pgran_output", path)
     done = subprocess.run(["sh", "-c", f'exec "$@" {streams}', "sh", *line], env=environment,
                           cwd=ROOT, stderr=subprocess.PIPE, text=True, timeout=allowed(60))
-    assert done.returncode == 0 and done.stderr.splitlines() == told
+    assert done.returncode == 0 and done.stderr.splitlines() == warning
     with h5py.File(path) as file:
         assert file.attrs["complete"]
 
 
-def test_an_answer_that_cannot_be_written_is_an_error(tmp_path):
+def test_an_unwritable_result_of_a_command_is_an_error(tmp_path):
     line, environment = run_on_ranks.command(0, "-m", "pgran.stability", "-cutoff")
     with open("/dev/full", "w") as full:
         done = subprocess.run(line, env=environment, cwd=ROOT, stdout=full, stderr=subprocess.PIPE,

@@ -1,4 +1,4 @@
-"""A step is solved as exactly as what it has to resolve asks for."""
+"""Nonlinear and linear tolerances of a time step."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ from pgran.solve.tolerances import SHARE, Tolerances
 
 
 class Solver:
-    """The part of SNES, and of its KSP, that knows tolerances."""
+    """The tolerances of SNES and of its KSP."""
 
     def __init__(self, atol=1e-4, rtol=3e-2):
         self.atol, self.rtol, self.norm = atol, rtol, None
@@ -32,7 +32,7 @@ class Solver:
 
 
 def linear(tolerances, solver, *norms):
-    """The tolerances of the linear systems at iterates with these norms of the residual."""
+    """Return the linear tolerances for these norms of the residual."""
     found = []
     for solver.norm in norms:
         tolerances.next(solver)
@@ -40,7 +40,7 @@ def linear(tolerances, solver, *norms):
     return found
 
 
-def test_the_residual_stays_small_against_the_perturbation_that_grows():
+def test_the_tolerance_is_proportional_to_the_growing_perturbation():
     solver = Solver()
     tolerances, found = Tolerances(solver, 1.0, 1e-3), []
     for perturbation in (0.0, 1e-6, 1e-2, 0.5, 1.0, 3.0):
@@ -49,17 +49,17 @@ def test_the_residual_stays_small_against_the_perturbation_that_grows():
     assert found == pytest.approx([1e-7, 1e-7, 1e-6, 5e-5, 1e-4, 1e-4])
 
 
-def test_linear_systems_follow_newtons_method_and_are_not_solved_beyond_need():
+def test_linear_tolerances_follow_the_convergence_of_newtons_method():
     solver = Solver()
     tolerances = Tolerances(solver, 1.0, 1e-3)
     tolerances.begin(solver, 1.0)
     first, slow, fast, last = linear(tolerances, solver, 10.0, 5.0, 5e-2, 5e-4)
-    assert first == slow == last == 3e-2  # the options have the loosest
+    assert first == slow == last == 3e-2  # the value of the options is the upper bound
     assert fast == pytest.approx(1e-2**1.5)
     assert linear(tolerances, solver, 5e-5 * 1e3, 2e-3)[1] == pytest.approx(SHARE * 1e-4 / 2e-3)
 
 
-def test_zero_leaves_the_tolerances_as_the_options_have_them():
+def test_zero_keeps_the_tolerances_of_the_options():
     solver = Solver()
     tolerances = Tolerances(solver, 0.0, 1e-3)
     tolerances.begin(solver, 1e-6)

@@ -29,7 +29,8 @@ SUMMARY = f"""Options of a run:
   -pgran_restart NAME.h5      resume a run from its last checkpoint
 
 -help {ALL} lists every option; with -pgran_case NAME it includes the options of that case.
-docs/reference/options.md describes them. -doctor checks the installation, and -version prints the version.
+docs/reference/options.md describes them. -doctor checks the installation, and -version prints the
+version.
 Options of PETSc (-ts_, -snes_, -ksp_, -pc_, -log_view, ...) are accepted too."""
 
 

@@ -281,7 +281,8 @@ def panels_of(name, directory):
             options=result.options, cost=result.attributes, many=many,
             measured=not many and bool(band["bands"])))
     if not panels:
-        raise ValueError(f"{name}: no results in {directory}; run bash jobs/study.sh section4 {name}")
+        raise ValueError(
+            f"{name}: no results in {directory}; run bash jobs/study.sh section4 {name}")
     return panels, missing
 
 

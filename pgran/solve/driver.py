@@ -1,7 +1,7 @@
-"""TS and SNES drive a form through time steps.
+"""Time steps with TS and SNES: solution, acceptance, repetition and recording.
 
-With backward Euler each step of TS is a `TimeStep`; `StepController` says how large it is. With
-pseudo-time continuation the mesh is frozen, and the elastic element makes the pseudo-time.
+With backward Euler each step of TS solves a `TimeStep`, and `StepController` chooses its size. With
+pseudo-time continuation the mesh is frozen, and the elasticity provides the rate in pseudo-time.
 """
 
 import numpy as np
@@ -14,27 +14,17 @@ from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
 from .controller import LEAST_SHARE, StepController
 from .energy import Balance
-from .failure import described, name_of
+from .failure import describe, name_of
+from .petsc_options import check_options, matrix_type
 from .state import TimeStep, frozen, velocity
 from .tolerances import Tolerances
 
-#: What a callback may raise on all ranks together.
+#: Errors that callbacks raise on all ranks together.
 ERRORS = SolutionError, ParameterError, OptionError, Interrupted
 
 
-def matrix_type():
-    """Return which matrix ``-dm_mat_type`` asks for, aij or nest.
-
-    Raises `pgran.options.ParameterError` for another one.
-    """
-    kind = PETSc.Options().getString("dm_mat_type", PETSc.Mat.Type.AIJ)
-    if kind not in (PETSc.Mat.Type.AIJ, PETSc.Mat.Type.NEST):
-        raise ParameterError("dm_mat_type", kind, "allowed is aij or nest", prefix="")
-    return kind
-
-
 class AcceptedStep:
-    """An accepted step as a case observes it, see `pgran.cases.Case.observe`.
+    """An accepted step for `pgran.cases.Case.observe`.
 
     Attributes
     ----------
@@ -52,16 +42,12 @@ class AcceptedStep:
 
     def torque(self, side):
         """Return the torque about the origin on a side, stress times d^2. Collective."""
-        grid = self.form.grid
-        nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
-        x, force = self._x[:, nodes], grid.split(self._forces)[0][:, nodes]
+        nodes = self._owned_nodes(side)
+        x, force = self._x[:, nodes], self.form.grid.split(self._forces)[0][:, nodes]
         return float(self._comm.allreduce((x[0] * force[1] - x[1] * force[0]).sum()))
 
     def mean_velocity(self, side=None):
-        """Return the mean velocity (2,) along a side, or over the volume, d gdot0. Collective.
-
-        The base flow is included.
-        """
+        """Return the mean velocity (2,) of a side or of the volume, d gdot0. Collective."""
         form, x = self.form, self._x
         nodal = velocity(form, self._local, x)
         if side:
@@ -74,35 +60,35 @@ class AcceptedStep:
 
     def extent(self, side):
         """Return the lengths (2,) of a side along x1 and x2, d. Collective."""
-        grid = self.form.grid
-        nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
-        x = self._x[:, nodes]
+        x = self._x[:, self._owned_nodes(side)]
         highest, lowest = np.empty(len(x)), np.empty(len(x))
         self._comm.Allreduce(x.max(axis=1, initial=-np.inf), highest, MPI.MAX)
         self._comm.Allreduce(x.min(axis=1, initial=np.inf), lowest, MPI.MIN)
         return highest - lowest
 
+    def _owned_nodes(self, side):
+        return np.intersect1d(self.form.grid.side_nodes(side), self.form.grid.nodes.owned)
+
 
 class Driver:
-    """Drives a case through time. Making it, solving and asking for results are collective.
+    """Solves a case in time or for its steady flow. Its methods are collective.
 
     Parameters
     ----------
     form : pgran.space.weakform.WeakForm
     state : pgran.solve.state.State
-        Where the run starts.
+        Initial state of the run.
     observer : callable
-        ``observer(driver, landed, report)`` is called after each accepted step. ``landed`` says
-        whether the step reached a target, and ``report`` holds a value for each column of the
-        history.
+        ``observer(driver, landed, report)`` is called after each accepted step. ``landed`` is
+        whether the step reached a target, and ``report`` contains the columns of the history.
     steady : bool
-        Whether to find the steady flow by pseudo-time instead of following the flow in time.
+        Whether to solve for the steady flow in pseudo-time.
     targets : sequence of float, optional
-        Times to land on, 1/gdot0; those of the case unless given.
-    behind : dict, optional
-        The `values` of a checkpoint that the run goes on from.
-    interrupted : callable, optional
-        ``interrupted()`` says on each rank whether the run shall stop, as a text, or None.
+        Times to reach exactly, 1/gdot0; by default the targets of the case.
+    checkpoint : dict, optional
+        The `values` of a checkpoint from which the run continues.
+    stop_requested : callable, optional
+        ``stop_requested()`` returns on each rank the reason why the run shall stop, or None.
 
     Attributes
     ----------
@@ -110,63 +96,73 @@ class Driver:
         The last accepted state.
     controller : pgran.solve.controller.StepController
     rejected : int
-        How many steps were repeated because they departed too far.
+        Number of repeated steps.
     at_rest : bool
         Whether the flow has come to rest, which ends the run.
     """
 
-    def __init__(self, form, state, observer, steady=False, targets=None, behind=None,
-                 interrupted=None):
+    def __init__(self, form, state, observer, steady=False, targets=None, checkpoint=None,
+                 stop_requested=None):
         self.form, self.case, self.grid = form, form.case, form.grid
-        self.parameters, self.state, self.observer = form.case.parameters, state, observer
-        self.steady, self.comm, self.rejected = steady, form.grid.comm.tompi4py(), 0
-        self._behind, self._interrupted = dict(behind or {}), interrupted or (lambda: None)
-        parameters, unresolved = self.parameters, 0.1 * form.material.loading_time
+        self.parameters = parameters = form.case.parameters
+        self.state, self.observer, self.steady = state, observer, steady
+        self.comm = form.grid.comm.tompi4py()
+        self._checkpoint = dict(checkpoint or {})
+        self._stop_requested = stop_requested or (lambda: None)
         targets = [] if steady else form.case.targets if targets is None else targets
-        self._check_targets(targets)
+        unresolved = 0.1 * form.material.loading_time
+        self._first_step = parameters.step_first or min(parameters.step_max, unresolved)
+        self._check_sizes(targets)
         self.controller = StepController(parameters.step_error, parameters.step_max,
                                          parameters.step_growth, unresolved, targets)
-        self._first_step = parameters.step_first or min(parameters.step_max, unresolved)
-        if self._first_step < parameters.step_min:
-            raise ParameterError(
-                "step_min", parameters.step_min, "the first step, a tenth of the time of elastic "
-                f"loading, is {self._first_step:.3g}, which is smaller; allowed is less than it, a "
-                f"smaller @shear_modulus than {parameters.shear_modulus:g}, or a @step_first")
-        self._dt = self._step = self._committed = self._tried = self._rows = None
-        self._last, self._creep = self._first_step, 1.0
-        self._attempts, self._starting, self._failure = 0, False, None
-        self._decay, self._guess, self._guarded = 0.0, None, False
-        if "repeat" in self._behind:
+        # The last accepted step: (unknowns, rates, increment), its size and its elastic rate.
+        self._accepted, self._last, self._creep = None, self._first_step, 1.0
+        # The attempted step: its size, its equations, its last unknowns and their residual.
+        self._dt = self._step = self._tried = self._residual = None
+        self._starting = False  # whether Newton's method has not yet evaluated the residual
+        # Repetition: attempts of this step; (reason, remedy) of the last failure; the initial guess
+        # and the term eps that remove the root mu = mu_s, and whether they were used.
+        self.rejected, self._attempts, self._failure = 0, 0, None
+        self._guess, self._decay, self._guarded = None, 0.0, False
+        if "repeat" in self._checkpoint:
             self._attempts = 1
-            self._failure = tuple(self._behind[name] for name in ("failure", "cure"))
-            self._decay = self._behind.get("decay", 0.0)
-        #: Whether the last step was faster than ``rest_speed``; a run that begins has none.
+            self._failure = self._checkpoint["failure"], self._checkpoint["cure"]
+            self._decay = self._checkpoint.get("decay", 0.0)
+        #: Whether the last step was faster than ``rest_speed``; False at the start of a run.
         self._moving = state.dt is not None and self._fast(state)
-        self.at_rest = bool(self._behind.get("at_rest")) and self._rest_speed > 0.0 and (
+        self.at_rest = bool(self._checkpoint.get("at_rest")) and self._rest_speed > 0.0 and (
             not self._moving)
-        self._time = self._behind.get("ts_time", 0.0 if steady else state.time)
-        self.balance = None if steady else self._balance()
+        self._time = self._checkpoint.get("ts_time", 0.0 if steady else state.time)
+        self.balance = None if steady else self._initial_balance()
         self.ts = self._create_ts()
-        self._tolerances = Tolerances(self.ts.getSNES(), 0.0 if self.steady else
-                                      parameters.tolerance_full_deviation, parameters.tolerance_min_factor)
-        self._perturbation = self._behind.get("perturbation", 0.0)
+        self._tolerances = Tolerances(
+            self.ts.getSNES(), 0.0 if steady else parameters.tolerance_full_deviation,
+            parameters.tolerance_min_factor)
+        self._deviation = self._checkpoint.get("perturbation", 0.0)
 
-    def _check_targets(self, targets):
-        least = self.parameters.step_min
+    def _check_sizes(self, targets):
+        """Refuse a smallest step that exceeds the first step or the distance of two targets."""
+        parameters, least = self.parameters, self.parameters.step_min
         for before, after in zip([self.state.time, *targets], targets):
             if 0.0 < after - before < least:
                 raise ParameterError(
                     "step_min", least, f"two times to reach lie closer, {self.case.label(before)} "
-                    f"and {self.case.label(after)}; allowed is less than {after - before:.3g}")
+                    f"and {self.case.label(after)}; must be less than {after - before:.3g}")
+        if self._first_step < least:
+            raise ParameterError(
+                "step_min", least, "the first step, a tenth of the time of elastic loading, is "
+                f"smaller, {self._first_step:.3g}; use a smaller @step_min, a smaller "
+                f"@shear_modulus than {parameters.shear_modulus:g}, or @step_first")
 
-    def _balance(self):
+    def _initial_balance(self):
         names = "stored", "work", "dissipation", "received", "dissipated"
-        if self._behind:
-            return Balance(**{name: self._behind.get(name) for name in names})
-        state, still = self.state, not self.comm.allreduce(bool(self.state.stress.any()), MPI.LOR)
+        if self._checkpoint:
+            return Balance(**{name: self._checkpoint.get(name) for name in names})
+        state = self.state
+        stressed = self.comm.allreduce(bool(state.stress.any()), MPI.LOR)
         stored, _ = diagnostics.stored_energy(self.form, state.local, state.stress,
                                               Geometry(state.x[:, self.grid.element_nodes]))
-        power = 0.0 if still else None  # without stress nothing works yet
+        power = None if stressed else 0.0  # without stress all powers are zero
         return Balance(stored, received=power, dissipated=power)
 
     def _create_ts(self):
@@ -176,28 +172,27 @@ class Driver:
                 self.parameters.coarse_correction):
             kind = "blocked"
         self.matrix = form.create_matrix(kind)
-        self._residual_vector = self.grid.create_vector()
         self.schur = self.hierarchy = self._correction = None
         ts = PETSc.TS().create(comm=self.grid.comm)
         ts.setDM(multigrid.field_shell(form))
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
         ts.setEquationType(PETSc.TS.EquationType.IMPLICIT)
         ts.setType(PETSc.TS.Type.BEULER)
-        ts.setIFunction(self._ifunction, self._residual_vector)
+        ts.setIFunction(self._ifunction, self.grid.create_vector())
         ts.setIJacobian(self._ijacobian, self.matrix, self.matrix)
         ts.setPostStep(self._post_step)
         ts.getSNES().setInitialGuess(self._predict)
-        ts.getSNES().setForceIteration(True)  # a step that needs none has not moved
+        ts.getSNES().setForceIteration(True)  # without an iteration the flow would not change
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-        ts.setMaxSNESFailures(-1)  # the smallest step ends the repetition of a step
+        ts.setMaxSNESFailures(-1)  # -pgran_step_min limits the repetitions of a step
         ts.setMaxStepRejections(1000)
         ts.setMaxSteps(10**9)
         ts.setErrorIfStepFails(False)
         ts.setTime(self._time)
-        ts.setStepNumber(int(self._behind.get("steps", 0)))
+        ts.setStepNumber(int(self._checkpoint.get("steps", 0)))
         ts.setTimeStep(self._first_step)
         ts.setFromOptions()
-        self._check_options(ts)
+        check_options(ts, self._time, self.grid.has_fluidity, self.parameters.coarse_correction)
         ksp = ts.getSNES().getKSP()
         self.schur = schur.configure(ksp, form)
         self.hierarchy = galerkin.Hierarchy(ksp, form) if galerkin.requested() else None
@@ -205,59 +200,14 @@ class Driver:
             self._correction = coarse.correct(ksp, ts.getDM(), form)
         return ts
 
-    def _check_options(self, ts):
-        """Refuse options of PETSc with which a run would never end, or not as it should."""
-        def check(name, value, good, allowed):
-            if not good:
-                raise ParameterError(name, f"{value:g}", f"allowed is {allowed}", prefix="")
-
-        check("ts_max_steps", ts.getMaxSteps(), ts.getMaxSteps() >= 1, "an integer >= 1")
-        check("ts_init_time", ts.getTime(), ts.getTime() == self._time,
-              f"{self._time:g}, where this run begins")
-        database = PETSc.Options()
-        for name in ("ts_dt", "ts_time_step"):  # the latter from PETSc 3.23 on
-            if database.hasName(name):
-                raise ParameterError(name, database.getString(name), "the size of a step follows "
-                                     "from @step_first, @step_max and @step_error; allowed are "
-                                     "these", prefix="")
-        # PETSc 3.26 takes a negative number as no limit.
-        most = database.getInt("snes_max_it", ts.getSNES().getTolerances()[3])
-        check("snes_max_it", most, most >= 1, "an integer >= 1")
-        for name in ("snes_error_if_not_converged", "ksp_error_if_not_converged",
-                     "ts_error_if_step_fails"):
-            check(name, 1, not database.getBool(name, False),
-                  "false: a step that fails is repeated smaller")
-        if matrix_type() == PETSc.Mat.Type.NEST:
-            self._check_blocks(ts.getSNES().getKSP().getPC().getType(), database, check)
-        elif self.parameters.coarse_correction:
-            raise ParameterError("coarse_correction", "true", "it takes the Jacobian as blocks; "
-                                 "allowed with @@dm_mat_type nest")
-        share = database.getReal("ts_adapt_scale_solve_failed", 0.25)
-        check("ts_adapt_scale_solve_failed", share, 0.0 < share < 1.0, "a number > 0 and < 1: a "
-              "step that fails is repeated smaller")
-
-    def _check_blocks(self, solver, database, check):
-        """Refuse options that do not take a Jacobian of blocks as it is."""
-        rules = [("pc_type", solver, PETSc.PC.Type.FIELDSPLIT)]
-        if self.grid.has_fluidity:  # without it no other split is possible
-            joined = database.getString("pc_fieldsplit_0_fields", "0")
-            rules.append(("pc_fieldsplit_0_fields", joined, "0,1"))
-        for option, found, good in rules:
-            if found != good:
-                raise ParameterError("dm_mat_type", "nest", f"not with @@{option} {found}; allowed "
-                                     f"with {good}", prefix="")
-        # The solver of a block has the block itself, so that nothing in it can be older.
-        lag = database.getInt("snes_lag_preconditioner", 1)
-        check("snes_lag_preconditioner", lag, lag == 1, "1 with @@dm_mat_type nest")
-
     def destroy(self):
-        """Free the objects of PETSc, so that Python can free the rest. Collective.
+        """Free the objects of PETSc. Collective.
 
-        TS and SNES hold methods of the driver as their callbacks, and the driver holds TS and SNES.
-        Python's collector of cycles does not see the references within PETSc.
+        TS and SNES refer to methods of the driver, which refers to TS and SNES. Python's garbage
+        collector does not detect cycles through PETSc.
         """
-        dm = self.ts.getDM()  # to end last, or what its callbacks refer to would stay
-        self._tolerances = self.hierarchy = self.schur = None  # they hold SNES, KSP and PC
+        dm = self.ts.getDM()  # destroyed last, so that its callbacks are freed
+        self._tolerances = self.hierarchy = self.schur = None  # they refer to SNES, KSP and PC
         self.ts.destroy()
         if self._correction:
             self._correction.inner.destroy()
@@ -267,9 +217,9 @@ class Driver:
     @property
     def started(self):
         """Whether a step was accepted."""
-        return self._committed is not None
+        return self._accepted is not None
 
-    # What a step is solved with
+    # One attempt of a step: its equations, its initial guess and its callbacks
 
     def time_step(self, dt):
         """Return the `TimeStep` of size ``dt`` from the last accepted state.
@@ -277,34 +227,52 @@ class Driver:
         Raises
         ------
         SolutionError
-            If failed steps have shrunk below the smallest one.
+            If repeated steps have become smaller than the smallest step.
         """
-        if self._dt is not None and abs(dt - self._dt) <= 1e-9 * dt:  # equal but for rounding
+        if self._dt is not None and abs(dt - self._dt) <= 1e-9 * dt:  # equal except for rounding
             return self._step
         if 0.0 < dt < self.parameters.step_min:
             least = f"@step_min {self.parameters.step_min:g}"
             if self._failure is None:
-                raise SolutionError(f"the step that is wanted {self._now} is {dt:.3g}, below "
-                                    f"{least}")
-            raise self._given_up(f"no step down to {least} converges")
+                raise SolutionError(f"the required step {self._now} is {dt:.3g}, below {least}")
+            raise self._step_failed(f"no step down to {least} converges")
         self._attempts += 1
-        # Between steps of pseudo-time TS asks for residuals: those of the last step's elasticity.
-        whole = dt or (self._last if self.steady else 0.0)
-        self._dt, self._step = dt, TimeStep(self.form, self.state, whole, self.steady)
+        # Between steps of pseudo-time TS evaluates residuals: with the elasticity of the last step.
+        size = dt or (self._last if self.steady else 0.0)
+        self._dt, self._step = dt, TimeStep(self.form, self.state, size, self.steady)
         return self._step
 
     @property
     def _now(self):
         return f"at {self.case.label(self.state.time)} (time {self.state.time:.6g})"
 
-    def _given_up(self, what):
-        """Return the error of a step that is not tried again, with why the last attempt failed."""
-        why, cure = self._failure
-        return SolutionError(f"{what} {self._now}: {why}. What may help: {cure}")
+    def _step_failed(self, what):
+        """Return the error of a step that is not repeated, with the reason of the last failure."""
+        why, remedy = self._failure
+        return SolutionError(f"{what} {self._now}: {why}. What may help: {remedy}")
+
+    def _predict(self, snes, u):
+        """Set the initial guess of Newton's method: extrapolated, or constant after a failure."""
+        # A failed attempt has set the size of this one, and has left arbitrary values in u.
+        dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
+        if self._attempts and snes.getConvergedReason() < 0:
+            self._failure = describe(snes, self.form, self._step.increment, self._tried)
+            pc = snes.getKSP().getPC()
+            if pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
+                pc.reset()  # after a failure of MUMPS PETSc would skip all later factorisations
+            if self.ts.getTimeStep() > (1.0 - 1e-9) * self._dt:
+                raise self._step_failed(f"a step of {self._dt:.3g} fails, and PETSc's options "
+                                        "repeat it without making it smaller")
+            self._decay = self.form.spurious_root(self._tried, self._step.increment)
+            self._guess, self._guarded = None, False
+        start = self.state.extrapolated(dt)[0] if self._guess is None else self._guess
+        self.grid.from_local(start, u)
+        self._starting = True
+        self._tolerances.begin(snes, self._deviation)
 
     def _increment(self, ts, time):
-        # TS evaluates a step at the time it leads to, and steady residuals at the present one;
-        # but the TSPSEUDO of PETSc 3.26 starts each step's Newton method at the present one too.
+        # TS evaluates a step at the time of its end, and steady residuals at the current time;
+        # but TSPSEUDO of PETSc 3.26 also begins Newton's method at the current time.
         dt = ts.getTimeStep() if self._starting else time - ts.getTime()
         self._starting = False
         increment = self.time_step(dt).increment
@@ -313,16 +281,16 @@ class Driver:
 
     def _ifunction(self, ts, time, u, rate, f):
         with PETSc.Log.Stage("Residual"):
-            self._stop_if_asked()
-            grid = self.grid
-            self._tried, local_rate = grid.to_local(u), grid.to_local(rate)
+            reasons = [text for text in self.comm.allgather(self._stop_requested()) if text]
+            if reasons:
+                raise Interrupted(reasons[0])
+            self._tried, local_rate = self.grid.to_local(u), self.grid.to_local(rate)
             rows = self.form.residual(self._tried, local_rate, self._increment(ts, time))
-            if self.steady and self._dt == 0.0:
-                # TS needs a norm between steps. Stress may grow in equilibrium, where all rows
-                # vanish: the elastic strain rate joins the first row of all ranks.
-                if self.comm.rank == 0:
-                    rows[:1] = np.hypot(rows[:1], self._creep)
-            self._rows = rows
+            if self.steady and self._dt == 0.0 and self.comm.rank == 0:
+                # TS requires a norm between steps. Stress may change in equilibrium, where all
+                # residuals vanish: add the elastic strain rate to the first one.
+                rows[:1] = np.hypot(rows[:1], self._creep)
+            self._residual = rows
             f.setArray(rows)
 
     def _ijacobian(self, ts, time, u, rate, shift, jacobian, preconditioner):
@@ -333,7 +301,7 @@ class Driver:
             self.fill(local, shift, increment, jacobian, preconditioner, defect)
 
     def fill(self, local, shift, increment, jacobian, preconditioner, defect=None):
-        """Fill the Jacobian, as `WeakForm.jacobian` does, and what preconditions it. Collective."""
+        """Fill the Jacobian, as `WeakForm.jacobian` does, and its preconditioner. Collective."""
         more = self.hierarchy.filled if self.hierarchy else ()
         self.form.jacobian(local, shift, increment, preconditioner, defect, more)
         if self.schur is not None:
@@ -342,39 +310,33 @@ class Driver:
             self.hierarchy.update(jacobian, preconditioner)
 
     def _fluidity_defect(self, local, rate, increment):
-        """The defect that `WeakForm.jacobian` asks for, or None for the tangent. Collective."""
+        """Return the defect for `WeakForm.jacobian`, or None for the tangent. Collective."""
         if not self.parameters.secant or not self.grid.has_fluidity:
             return None
-        # SNES has just asked for the residual there.
-        known, rows = self._tried is not None and np.array_equal(local, self._tried), self._rows
+        # SNES has usually evaluated the residual at these unknowns.
+        known, rows = self._tried is not None and np.array_equal(local, self._tried), self._residual
         if self.comm.allreduce(not known, MPI.LOR):
             rows = self.form.residual(local, self.grid.to_local(rate), increment)
         return self.form.fluidity_defect(rows, increment)
 
-    def _stop_if_asked(self):
-        """Raise `Interrupted` on all ranks if one of them was asked to stop."""
-        asked = [text for text in self.comm.allgather(self._interrupted()) if text]
-        if asked:
-            raise Interrupted(asked[0])
-
-    # Acceptance
+    # The run
 
     def solve(self):
-        """Run to the end.
+        """Solve until the end of the run.
 
         Raises
         ------
         SolutionError
-            If no step converges, no flow becomes steady, or the mesh cannot go on.
+            If no step converges, no steady flow is found, or the mesh becomes invalid.
         Interrupted
-            If the run was asked to stop.
+            If the run was requested to stop.
         """
         u = self.grid.create_vector()
         self.grid.from_local(self.state.local, u)
         if not self.steady:
             first = self.controller.start(
-                self.state.time, self._behind.get("wanted", self.ts.getTimeStep()))
-            self.ts.setTimeStep(self._behind.get("repeat", first))
+                self.state.time, self._checkpoint.get("wanted", self.ts.getTimeStep()))
+            self.ts.setTimeStep(self._checkpoint.get("repeat", first))
             if self.at_rest:
                 self.controller.targets.clear()
             if self.controller.finished:
@@ -389,79 +351,57 @@ class Driver:
             raise
         reason, reasons = self.ts.getConvergedReason(), PETSc.TS.ConvergedReason
         if reason < 0:
-            why, cure = self._failure or ("no step was accepted", "a smaller @step_max")
+            why, remedy = self._failure or ("no step was accepted", "a smaller @step_max")
             raise SolutionError(
                 f"TS stopped at {self.case.label(self.state.time)} ({name_of(reasons, reason)}): "
-                f"{why}. What may help: {cure}")
+                f"{why}. What may help: {remedy}")
         if self.steady and reason in (reasons.CONVERGED_ITS, reasons.CONVERGED_TIME):
             raise SolutionError(
                 f"no steady flow within @@ts_max_steps {self.ts.getMaxSteps()}: the residual is "
                 f"{self.steady_residual():.3e} {self.case.stress_unit} d")
 
-    def steady_residual(self):
-        """Return the norm of the residual (2.9)-(2.11) of the present state without rates."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            rows = self.form.residual(self.state.local, np.zeros(self.grid.n_local),
-                                      frozen(self.form, self.state))
-        return float(np.sqrt(self.comm.allreduce(rows @ rows)))
-
-    def _predict(self, snes, u):
-        """Start Newton's method from the last two states; only from the last after a failure."""
-        # A failed attempt has made a step before, and may have left anything in u.
-        dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
-        if self._attempts and snes.getConvergedReason() < 0:
-            self._failure = described(snes, self.form, self._step.increment, self._tried)
-            pc = snes.getKSP().getPC()
-            if pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
-                pc.reset()  # after a failure of MUMPS PETSc would leave out all that follow
-            if self.ts.getTimeStep() > (1.0 - 1e-9) * self._dt:
-                raise self._given_up(f"a step of {self._dt:.3g} fails, and PETSc's options repeat "
-                                     "it without making it smaller")
-            self._decay = self.form.spurious_root(self._tried, self._step.increment)
-            self._guess, self._guarded = None, False
-        start = self.state.extrapolated(dt)[0] if self._guess is None else self._guess
-        self.grid.from_local(start, u)
-        self._starting = True
-        self._tolerances.begin(snes, self._perturbation)
+    # The end of a step: accept it or repeat it
 
     def _post_step(self, ts):
+        """Accept the step that Newton's method has solved, or repeat it."""
         dt = ts.getTime() - self._time
-        if dt <= 0.0:  # TS gave up, and says why in its reason
+        if dt <= 0.0:  # TS has given up, and its reason is reported by `solve`
             return
-        state, local, step = self.state, self.grid.to_local(ts.getSolution()), self.time_step(dt)
-        step.dt = dt  # as TS counts it, which differs by rounding
-        if self._decay:  # the equations themselves come next, from this solution
-            self._repeat(ts, dt, local)
-            return
+        local, step, estimate = self.grid.to_local(ts.getSolution()), self.time_step(dt), None
+        step.dt = dt  # the time of TS, which differs by rounding
+        if self._decay:  # solve the unmodified equations from this solution
+            return self._repeat(ts, dt, local)
         excess = self.form.spurious_root(local, step.increment)
         if excess:
-            self._avoid_spurious_root(ts, dt, local, excess)
-            return
+            return self._avoid_spurious_root(ts, dt, local, excess)
         stress = self.form.stress(local, step.increment)
         if not self.steady:
-            departure = step.departure(local, stress, self.parameters.step_min_deviation)
-            smaller = self.controller.smaller(dt, departure.error)
+            estimate = step.error_estimate(local, stress, self.parameters.step_min_deviation)
+            smaller = self.controller.smaller(dt, estimate.error)
             if smaller is not None:
-                self._failure = (f"the last step, of {dt:.3g}, departs {departure.error:.3g} from "
-                                 "the extrapolation", "a larger @step_error")
-                self._repeat(ts, smaller)
-                return
-        end = step.end(local, stress, None if self.steady else departure.pace)
+                self._failure = (f"error estimate {estimate.error:.3g} of the last step (dt = "
+                                 f"{dt:.3g}) exceeds @step_error", "a larger @step_error")
+                return self._repeat(ts, smaller)
+        self._accept(ts, dt, local, stress, estimate)
+
+    def _accept(self, ts, dt, local, stress, estimate):
+        """Make the end of the step the new state, choose the next step and report."""
+        state, step = self.state, self._step
+        end = step.end(local, stress, estimate and estimate.growth_signal)
         if not self.steady:
             self._check_mesh(end)
-            self._perturbation = departure.perturbation
+            self._deviation = estimate.deviation
         creep = np.abs(stress - state.stress).max(initial=0.0) / (2.0 * self.form.material.G * dt)
         self._creep = self.comm.allreduce(creep, MPI.MAX)
-        self.state, self._failure = end, None
+        self._accepted = local, (local - state.local) / dt, step.increment
+        self.state, self._time, self._last = end, ts.getTime(), dt
+        self._dt, self._attempts, self._failure = None, 0, None
         self._guess, self._guarded = None, False
-        self._committed = local, (local - state.local) / dt, step.increment
-        self._courant_number = step.courant_number
-        self._time, self._dt, self._last, self._attempts = ts.getTime(), None, dt, 0
-        target = self.controller.land(self.state.time)
+        target = self.controller.land(end.time)
         if target is not None:
-            self.state.time = target
+            end.time = target
         if not self.steady:
-            ts.setTimeStep(self.controller.next(self.state.time, dt, departure.to_come))
+            ts.setTimeStep(self.controller.next(end.time, dt, estimate.next_error))
             fast = self._fast(end)
             self.at_rest, self._moving = self._moving and not fast, fast
             if self.at_rest:
@@ -473,22 +413,21 @@ class Driver:
     def _avoid_spurious_root(self, ts, dt, local, excess):
         """Repeat a step that converged to mu = mu_s, where F = 0 although g differs from g_loc.
 
-        With F + eps g, eps = mu_loc(I) - mu_s, this root is absent, and g decreases until mu
-        exceeds mu_loc(I). From there Newton's method reaches mu_loc(I) when eps returns to zero.
-        A step that converges to mu = mu_s all the same is repeated smaller.
+        F + eps g, eps = mu_loc(I) - mu_s, does not have this root, and g decreases until mu exceeds
+        mu_loc(I). From there Newton's method converges to mu_loc(I) when eps returns to zero. If
+        this fails, the step is repeated with a smaller size.
         """
         if not self._guarded:
-            self._repeat(ts, dt, local, excess)
-            return
-        self._failure = ("Newton's method converges to mu = mu_s, which is no solution of (2.5)",
+            return self._repeat(ts, dt, local, excess)
+        self._failure = ("Newton's method converges to mu = mu_s, which does not solve (2.5)",
                          "a smaller @step_max")
         self._repeat(ts, LEAST_SHARE * dt)
 
     def _repeat(self, ts, dt, guess=None, decay=0.0):
-        """Repeat the step with a size, from a guess (n_local,) or the extrapolation for None."""
+        """Repeat the step with size ``dt`` from a guess (n_local,) or, if None, a prediction."""
         self.rejected += 1
         self._guess, self._decay, self._guarded = guess, decay, guess is not None
-        if self.steady:  # TSPSEUDO cannot roll back, and may have taken the step for its last
+        if self.steady:  # TSPSEUDO cannot roll back, and may have regarded the step as its last
             self.grid.from_local(self.state.local, ts.getSolution())
             ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_ITERATING)
             self._time = ts.getTime()
@@ -501,46 +440,56 @@ class Driver:
         return getattr(self.parameters, "rest_speed", 0.0)
 
     def _fast(self, state):
-        """Return whether a state is faster than ``rest_speed``; False if this is 0. Collective."""
+        """Return whether the largest velocity exceeds ``rest_speed`` > 0. Collective."""
         if not self._rest_speed:
             return False
         speed = velocity(self.form, state.local, state.x)[:, self.grid.nodes.owned]
         return self.comm.allreduce(np.abs(speed).max(initial=0.0), MPI.MAX) > self._rest_speed
 
     def _check_mesh(self, state):
-        """Refuse a state whose mesh is turned inside out, or leaves its domain. Collective."""
+        """Raise an error if elements are inverted or the mesh leaves its domain. Collective."""
         nodes, owned = self.grid.nodes, self.grid.nodes.owned
         elements = self.grid.element_nodes[:, self.grid.elements.owned]
-        turned = least_determinant(state.x[:, elements])
+        determinants = least_determinant(state.x[:, elements])
         found = None
-        if not (turned > 0.0).all():
+        if not (determinants > 0.0).all():
             middle = state.x[:, elements[NODES // 2]]
-            found = "an element is turned inside out", middle[:, np.argmin(turned)].tolist()
+            found = "an element is inverted", middle[:, np.argmin(determinants)].tolist()
         out = self.case.nodes_outside(state.time, state.x[:, owned], nodes.i[owned], nodes.j[owned])
         if out is not None and found is None and out[0].any():
             found = out[1], state.x[:, owned][:, np.argmax(out[0])].tolist()
-        found = [answer for answer in self.comm.allgather(found) if answer]
+        found = [place for place in self.comm.allgather(found) if place]
         if found:
             what, at = found[0]
             raise SolutionError(
-                f"the mesh cannot go on at {self.case.label(state.time)}: {what} at x = "
+                f"the mesh becomes invalid at {self.case.label(state.time)}: {what} at x = "
                 f"({at[0]:.4g}, {at[1]:.4g}) d. What may help: an earlier end, or a smaller "
                 "@step_max or @step_error")
 
+    # Results
+
+    def steady_residual(self):
+        """Return the norm of the residual (2.9)-(2.11) of the last state without rates."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rows = self.form.residual(self.state.local, np.zeros(self.grid.n_local),
+                                      frozen(self.form, self.state))
+        return float(np.sqrt(self.comm.allreduce(rows @ rows)))
+
     def _report(self, dt):
-        """The columns of the history for the step that was just accepted."""
-        snes, (local, rate, increment) = self.ts.getSNES(), self._committed
+        """Return the columns of the history for the last accepted step."""
+        snes, (local, rate, increment) = self.ts.getSNES(), self._accepted
         I = self.form.inertial_number(local, increment)
         forces = self.form.forces(local, rate, increment)
+        step = AcceptedStep(self.form, self.state.time, local, forces, increment.x)
         report = {
             "time": self.state.time,
             "step_size": dt,
-            "courant_number": self._courant_number,
+            "courant_number": self._step.courant_number,
             "newton_iterations": snes.getIterationNumber(),
             "linear_iterations": snes.getLinearSolveIterations(),
             "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),
             "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX),
-            **self.case.observe(AcceptedStep(self.form, self.state.time, local, forces, increment.x))}
+            **self.case.observe(step)}
         if self.balance:
             self.balance.add(dt, *diagnostics.power(
                 self.form, local, forces, increment))
@@ -549,27 +498,25 @@ class Driver:
                 Geometry(self.state.x[:, self.grid.element_nodes]))))
         return report
 
-    # What observers ask for
-
     def cost(self):
-        """Return the steps and iterations so far, those of repeated steps included."""
+        """Return the numbers of steps and iterations so far, including repeated steps."""
         ts = self.ts
         return {"steps": ts.getStepNumber(), **{
-            name: int(self._behind.get(name, 0)) + count for name, count in (
+            name: int(self._checkpoint.get(name, 0)) + count for name, count in (
                 ("steps_repeated", self.rejected + ts.getStepRejections()),
                 ("newton_iterations", ts.getSNESIterations()),
                 ("linear_iterations", ts.getKSPIterations()))}}
 
     def values(self, repeat=True):
-        """Return the numbers of a checkpoint: what a `Driver` needs as ``behind``. Collective.
+        """Return the numbers of a checkpoint, the argument ``checkpoint`` of `Driver`. Collective.
 
         If the last attempt of the next step failed, they contain the size of the next attempt and
-        the reason, unless ``repeat`` is False. A restart then makes the same attempt. Without them
-        it begins with the step that is wanted, as it must after an error.
+        the reason, and a restart makes the same attempt. If ``repeat`` is False, as after an error,
+        a restart begins with the desired step.
         """
         found = {**self.cost(), **self.balance.values(), **self.state.values(self.grid),
                  "ts_time": self._time, "wanted": self.controller.wanted or self._first_step,
-                 "perturbation": self._perturbation, "at_rest": int(self.at_rest)}
+                 "perturbation": self._deviation, "at_rest": int(self.at_rest)}
         if repeat and self._failure is not None:
             found["repeat"] = self.ts.getTimeStep()
             found["failure"], found["cure"] = self._failure
@@ -577,11 +524,11 @@ class Driver:
         return found
 
     def fields(self):
-        """Return the nodal fields of the last state, {name: (..., n_nodes)}, for `Writer.snapshot`.
+        """Return the nodal fields of the last state for `Writer.snapshot`, {name: (..., n_nodes)}.
 
-        Complete at owned nodes.
+        Ghost nodes may lack contributions of other ranks.
         """
-        local, _, increment = self._committed
+        local, _, increment = self._accepted
         form, x = self.form, self.state.x
         speed, fields = velocity(form, local, x), diagnostics.nodal_fields(
             form, local, increment)

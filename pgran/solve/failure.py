@@ -1,86 +1,83 @@
-"""Why a step failed, in words: PETSc's reason, the place of the largest residual, what to try."""
+"""Messages for failed steps: PETSc's reason, the location of the largest residual and a remedy."""
 
 import numpy as np
 from petsc4py import PETSc
 
 from ..space.element import SHAPE
 
-#: What reasons of SNES mean, and what may help; ``@@`` marks options of PETSc.
+_SMALLER, _DIRECT = "a smaller @step_max", "@@options_file options/direct.opts"
+_BASIC = "@@snes_linesearch_type basic"
+_ITERATIONS = "it did not converge in {its} iterations", f"a larger @@ksp_max_it, or {_DIRECT}"
+_PC = "the preconditioner failed", _DIRECT
+#: Meaning and remedy of reasons of SNES; ``@@`` marks options of PETSc.
 SNES_WORDS = {
     "DIVERGED_MAX_IT": ("Newton's method did not converge in {its} iterations",
-                        "a larger @@snes_max_it or a smaller @step_max"),
-    "DIVERGED_LINE_SEARCH": ("the line search failed", "@@snes_linesearch_type basic"),
-    "DIVERGED_DTOL": ("Newton's method diverged", "a smaller @step_max"),
-    "DIVERGED_LOCAL_MIN": ("the line search found a minimum that is no solution",
-                           "@@snes_linesearch_type basic"),
-    "DIVERGED_LINEAR_SOLVE": ("the linear solver failed", "@@options_file options/direct.opts")}
+                        f"a larger @@snes_max_it or {_SMALLER}"),
+    "DIVERGED_LINE_SEARCH": ("the line search failed", _BASIC),
+    "DIVERGED_DTOL": ("Newton's method diverged", _SMALLER),
+    "DIVERGED_LOCAL_MIN": ("the line search found a minimum that is not a solution", _BASIC),
+    "DIVERGED_LINEAR_SOLVE": ("the linear solver failed", _DIRECT)}
 #: The same for KSP.
 KSP_WORDS = {
-    "DIVERGED_ITS": ("it did not converge in {its} iterations",
-                     "a larger @@ksp_max_it, or @@options_file options/direct.opts"),
-    "DIVERGED_MAX_IT": ("it did not converge in {its} iterations",
-                        "a larger @@ksp_max_it, or @@options_file options/direct.opts"),
-    "DIVERGED_NANORINF": ("a preconditioner gave a value that is not a number",
-                          "@@options_file options/direct.opts"),
-    "DIVERGED_PC_FAILED": ("the preconditioner failed", "@@options_file options/direct.opts"),
-    "DIVERGED_PCSETUP_FAILED": ("the preconditioner failed", "@@options_file options/direct.opts")}
+    "DIVERGED_ITS": _ITERATIONS, "DIVERGED_MAX_IT": _ITERATIONS,
+    "DIVERGED_NANORINF": ("a preconditioner returned NaN", _DIRECT),
+    "DIVERGED_PC_FAILED": _PC, "DIVERGED_PCSETUP_FAILED": _PC}
 #: The same for INFOG(1) of MUMPS.
 MUMPS_WORDS = {
     -9: ("MUMPS had too little workspace", "a larger @@mat_mumps_icntl_14"),
-    -10: ("MUMPS found the matrix singular", "a smaller @step_max"),
+    -10: ("MUMPS found the matrix singular", _SMALLER),
     -19: ("MUMPS may not use the memory that it needs", "a larger @@mat_mumps_icntl_23"),
-    -13: ("MUMPS could not allocate memory", "more memory or ranks, or @@options_file "
-          "options/biaxial.opts")}
-#: What the equations of a field say.
+    -13: ("MUMPS could not allocate memory",
+          "more memory or ranks, or @@options_file options/biaxial.opts")}
+#: Names of the equations, by field.
 EQUATIONS = {"v1": "momentum along x1", "v2": "momentum along x2", "g": "fluidity",
              "P": "incompressibility"}
 
 
 def name_of(reasons, number):
-    """Return the name of a reason, as PETSc has it, from a class such as SNES.ConvergedReason."""
+    """Return PETSc's name of a reason from a class such as SNES.ConvergedReason."""
     names = [name for name, value in vars(reasons).items()
              if value == number and not name.startswith("_")]
     return max(names, key=len, default=str(number))
 
 
-def described(snes, form, increment, local):
-    """Return why a SNES failed and where, and what may help, two texts. Collective.
+def describe(snes, form, increment, local):
+    """Return why and where a SNES failed, and a remedy, as two texts. Collective.
 
-    ``local`` (n_local,) are the unknowns that were tried last in a step with this increment.
+    ``local`` (n_local,) are the last unknowns that Newton's method has tried.
     """
     name = name_of(PETSc.SNES.ConvergedReason, snes.getConvergedReason())
-    why, cure = SNES_WORDS.get(name, ("Newton's method failed", "a smaller @step_max"))
-    why = f"{why.format(its=snes.getIterationNumber())} ({name})"
+    why, remedy = SNES_WORDS.get(name, ("Newton's method failed", _SMALLER))
+    why, place = f"{why.format(its=snes.getIterationNumber())} ({name})", None
     if name == "DIVERGED_LINEAR_SOLVE":
-        because, cure = _linear(snes.getKSP())
+        because, remedy = _linear(snes.getKSP())
         why += f": {because}"
-    size, text = _largest(snes, form, increment.x)
+    size, text = _largest_residual(snes, form, increment.x)
     if np.isinf(size):  # the name of this reason differs between versions of PETSc
-        why, cure = f"the residual is not a number ({name})", "a smaller @step_max"
-    place = _meaningless(form, increment, local) if np.isinf(size) else None
-    limit = form.case.law.limit
-    if place and place.startswith("mu") and np.isfinite(limit):
-        cure = (f"a start and loads that need mu < {limit:.4g} everywhere, a smaller "
-                "@step_max, or another @law")
-        if getattr(form.case.parameters, "wall_fluidity", "") == "zero":
-            cure += "; a wall with @wall_fluidity zero needs more mu than others"
-    if place and place.startswith("pressure"):
-        cure = "loads that leave the pressure positive, or a smaller @step_max"
-    return "; ".join(filter(None, [why, place, text])), cure
+        why, remedy = f"the residual is NaN ({name})", _SMALLER
+        place = _undefined(form, increment, local)
+        limit = form.case.law.limit
+        if place and place.startswith("mu") and np.isfinite(limit):
+            remedy = (f"a start and loads that need mu < {limit:.4g} everywhere, a smaller "
+                      "@step_max, or another @law")
+            if getattr(form.case.parameters, "wall_fluidity", "") == "zero":
+                remedy += "; a wall with @wall_fluidity zero needs a larger mu than other walls"
+        if place and place.startswith("pressure"):
+            remedy = f"loads that leave the pressure positive, or {_SMALLER}"
+    return "; ".join(filter(None, [why, place, text])), remedy
 
 
 def _linear(ksp):
     name = name_of(PETSc.KSP.ConvergedReason, ksp.getConvergedReason())
-    why, cure = KSP_WORDS.get(name, ("it stopped", "@@options_file options/direct.opts"))
+    why, remedy = KSP_WORDS.get(name, ("it stopped", _DIRECT))
     why = f"{why.format(its=ksp.getIterationNumber())} ({name})"
     pc = ksp.getPC()
     if pc.getType() in ("lu", "cholesky") and pc.getFactorSolverType() == "mumps":
-        info = pc.getFactorMatrix().getMumpsInfog(1)
-        if info < 0:
-            because, cure = MUMPS_WORDS.get(info, ("MUMPS failed", cure))
-            why += f", {because} (INFOG(1) = {info}, INFOG(2) = " \
-                   f"{pc.getFactorMatrix().getMumpsInfog(2)})"
-    return why, cure
+        first, second = (pc.getFactorMatrix().getMumpsInfog(n) for n in (1, 2))
+        if first < 0:
+            because, remedy = MUMPS_WORDS.get(first, ("MUMPS failed", remedy))
+            why += f", {because} (INFOG(1) = {first}, INFOG(2) = {second})"
+    return why, remedy
 
 
 def _place(form, x, number):
@@ -90,42 +87,37 @@ def _place(form, x, number):
         node, field = divmod(number, grid.dof)
         return grid.fields[field], x[:, node]
     corner = number - grid.n_flow
-    i, j = grid.corners.i[corner], grid.corners.j[corner]
-    return "P", x[:, grid.nodes.index(2 * i, 2 * j)]
+    return "P", x[:, grid.nodes.index(2 * grid.corners.i[corner], 2 * grid.corners.j[corner])]
 
 
-def _worst(form, size, describe):
-    """Return the largest ``size`` (n,) of all ranks and what ``describe(index)`` says. Collective.
-
-    What is not a number counts as infinite. Without entries the size is zero.
-    """
-    size = np.where(np.isnan(size), np.inf, size)
+def _largest(form, sizes, describe_entry):
+    """Return the largest size on all ranks, inf for NaN, and the description of its entry."""
+    sizes = np.where(np.isnan(sizes), np.inf, sizes)
     found = (0.0, None)
-    if size.size:
-        index = int(np.argmax(size))
-        found = float(size[index]), describe(index)
-    return max(form.grid.comm.tompi4py().allgather(found), key=lambda answer: answer[0])
+    if sizes.size:
+        index = int(np.argmax(sizes))
+        found = float(sizes[index]), describe_entry(index)
+    return max(form.grid.comm.tompi4py().allgather(found), key=lambda entry: entry[0])
 
 
 def _at(x):
     return f"at x = ({x[0]:.4g}, {x[1]:.4g}) d"
 
 
-def _largest(snes, form, x):
-    """The size of the largest residual, infinite if one is not a number, and its place in words."""
+def _largest_residual(snes, form, x):
     residual = np.abs(snes.getFunction()[0].array_r)
 
-    def describe(index):
+    def describe_entry(index):
         field, place = _place(form, x, form.grid.owned[index])
-        value = f"{residual[index]:.2e}" if np.isfinite(residual[index]) else "not a number"
-        return f"the largest residual is {value}, of {EQUATIONS[field]} {_at(place)}"
+        value = f"{residual[index]:.2e}" if np.isfinite(residual[index]) else "NaN"
+        return f"the largest residual is {value}, in {EQUATIONS[field]} {_at(place)}"
 
-    return _worst(form, residual, describe)
+    return _largest(form, residual, describe_entry)
 
 
-def _meaningless(form, increment, local):
-    """What has no meaning in the unknowns that were tried last, and where; None where all have."""
-    # Other elements are images of those of this or another rank, beyond the ends of the domain.
+def _undefined(form, increment, local):
+    """Return where the unknowns leave the range of the law; None if the rheology is defined."""
+    # Ghost elements beyond the ends of the domain are images of owned elements.
     owned = form.grid.elements.owned
     pressure, mu = (values[:, owned] for values in (form.pressure(local, increment),
                                                     form.stress_ratio(local, increment)))
@@ -143,5 +135,5 @@ def _meaningless(form, increment, local):
         return f"mu reaches {mu.ravel()[index]:.4g} {place(index)}" + (
             f", and the law bears less than {limit:.4g}" if np.isfinite(limit) else "")
 
-    size, text = _worst(form, -pressure.ravel(), low)
-    return text if size > 0.0 else _worst(form, mu.ravel(), steep)[1]
+    size, text = _largest(form, -pressure.ravel(), low)
+    return text if size > 0.0 else _largest(form, mu.ravel(), steep)[1]

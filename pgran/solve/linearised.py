@@ -1,10 +1,10 @@
-"""Growth rates of the linearised time step, on the mesh that moves with the material.
+"""Growth rates of the linearised time step on a moving mesh.
 
-A step takes the mesh, the stress and the unknowns of one time to those of the next. About the
-reference flow, or about a snapshot, its linearisation has multipliers m, and log(m)/dt are growth
-rates. Unlike the spectra of `pgran.solve.spectrum` they contain the motion of the mesh and the
-elastic memory. SLEPc finds the largest multipliers matrix-free: each product takes two solutions
-with the Jacobian of the step.
+A step maps mesh, stress and unknowns to their values at the next time. Its linearisation about the
+reference flow or a snapshot has multipliers m and growth rates log(m)/dt, which include the motion
+of the mesh and the history of the elastic stress, unlike the spectra of `pgran.solve.spectrum`.
+SLEPc computes the largest multipliers matrix-free: each product solves two linear systems with the
+Jacobian of the step.
 """
 
 import numpy as np
@@ -17,30 +17,30 @@ from ..output.writer import write_once
 from ..space.element import DIM, POINTS
 from ..space.weakform import discretise
 from . import state as states
-from .spectrum import row_of
+from .spectrum import row_of, use_mumps
 
-#: Parts of the coupling that can be left out, and what then stays undisturbed.
+#: Parts of the coupling that can be omitted, and the effect.
 PARTS = {
     "faces": "the load on the sides does not follow the disturbed sides",
     "geometry": "elements keep their undisturbed shape",
-    "interior": "only nodes of the loaded sides are where the disturbance takes them",
-    "spin": "stress does not turn with the disturbance",
-    "memory": "the stress of the step before is undisturbed"}
-#: Size of the disturbances that are differenced, in d, stress and gdot0.
+    "interior": "only nodes of the loaded sides are displaced by the disturbance",
+    "spin": "the disturbance does not rotate the stress",
+    "memory": "the stress of the previous step is undisturbed"}
+#: Size of the disturbances of the central differences, in d, stress and gdot0.
 SIZE = 1e-5
-#: Newton's method for the undisturbed step stops at this relative change, or gives up.
-TOLERANCE, MOST = 1e-12, 50
-#: It takes a share of a change that does not make the residual smaller, down to this one.
+#: Relative change at which Newton's method for the undisturbed step stops, and its iterations.
+TOLERANCE, MAX_ITERATIONS = 1e-12, 50
+#: Smallest step length of its line search.
 LEAST = 1e-3
-#: Largest displacement of the shape on which a mode is shown, d.
+#: Largest displacement of the mesh of a mode that is written, d.
 SHOWN = 2.0
 
 
 class LinearisedStep:
     """The derivative of one step (backward Euler, trapezoidal mesh) about a flow.
 
-    A disturbance is one array: mesh (2 n_nodes), unknowns (n_local), stress (3 points
-    n_elements) of this rank, ghosts included. Collective.
+    A disturbance is one array of this rank: mesh (2 n_nodes), unknowns (n_local) and stress
+    (3 points n_elements) with ghosts. Collective.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ class LinearisedStep:
     dt : float
         Size of the step, 1/gdot0.
     without : sequence of str
-        Names of `PARTS` that are left out.
+        Names of omitted `PARTS`.
     start : pgran.solve.state.State, optional
-        Where the step starts; the reference flow unless given.
+        Start of the step; by default the reference flow.
 
     Raises
     ------
@@ -73,9 +73,7 @@ class LinearisedStep:
         self.ksp = PETSc.KSP().create(comm=grid.comm)
         self.ksp.setOptionsPrefix("step_")
         self.ksp.setOperators(self.matrix)
-        self.ksp.setType("preonly")
-        self.ksp.getPC().setType("lu")
-        self.ksp.getPC().setFactorSolverType("mumps")
+        use_mumps(self.ksp)
         self.ksp.setFromOptions()
         self.end = self.state.local
         if start is None:
@@ -84,22 +82,22 @@ class LinearisedStep:
         self._solve_base()
 
     def _solve_base(self):
-        """Solve the undisturbed step; all ranks see the same change and leave together."""
+        """Solve the undisturbed step; the loop ends on all ranks together."""
         comm, increment = self.form.grid.comm.tompi4py(), self.base.increment
 
         def residual(end):
-            with np.errstate(all="ignore"):  # a change that is too large may leave the law's range
+            with np.errstate(all="ignore"):  # a large change may leave the range of the law
                 rows = self.form.residual(end, (end - self.state.local) / self.dt, increment)
             return comm.allreduce(rows @ rows)
 
-        for _ in range(MOST):
+        for _ in range(MAX_ITERATIONS):
             self.form.jacobian(self.end, 1.0 / self.dt, increment, self.matrix)
             self.ksp.setOperators(self.matrix)
             change = self._newton(self.end, self.state, increment)
             before, share = residual(self.end), 1.0
             while share > LEAST and not residual(self.end + share * change) < before:
                 share /= 2.0
-            if share <= LEAST:  # the residual is rounding error, or no direction of descent is left
+            if share <= LEAST:  # the residual is a rounding error, or does not decrease
                 share = 1.0
             self.end = self.end + share * change
             largest, size = (comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX)
@@ -107,8 +105,8 @@ class LinearisedStep:
             if largest < TOLERANCE * size:
                 return
         raise SolutionError(f"Newton's method for the undisturbed step of {self.dt:g}/gdot0 (@@dt) "
-                            f"has changed the unknowns by {largest:.1e} in iteration {MOST}; "
-                            f"a smaller step may help")
+                            f"did not converge in {MAX_ITERATIONS} iterations: the last change is "
+                            f"{largest:.1e}. What may help: a smaller step")
 
     def _newton(self, local, state, increment):
         rows = self.form.residual(local, (local - state.local) / self.dt, increment)
@@ -117,7 +115,7 @@ class LinearisedStep:
         return self.form.grid.to_local(self.update)
 
     def _advanced(self, disturbance):
-        """Mesh, unknowns and stress at the end, to first order in the disturbance, as one array."""
+        """Return the disturbed mesh, unknowns and stress at the end, to first order."""
         state, form, base = self.state, self.form, self.base.increment
         x, local, stress = np.split(disturbance, self.lengths)
         start = states.State(state.time, state.x + x.reshape(DIM, -1), state.local + local,
@@ -125,7 +123,7 @@ class LinearisedStep:
         step = states.TimeStep(form, start, self.dt)
         increment = step.increment
         if "spin" in self.without:
-            increment.stress = start.past(self.dt, self.base.transport(start))[1]
+            increment.stress = start.past_stress(self.dt, self.base.transport(start))[1]
         if "memory" in self.without:
             increment.stress = base.stress
         if "interior" in self.without:
@@ -146,25 +144,25 @@ class LinearisedStep:
         largest = self.form.grid.comm.tompi4py().allreduce(
             np.abs(direction).max(initial=0.0), MPI.MAX)
         scale = SIZE / (largest or 1.0)
-        ahead, behind = (self._advanced(sign * scale * direction) for sign in (1.0, -1.0))
-        return (ahead - behind) / (2.0 * scale)
+        plus, minus = (self._advanced(sign * scale * direction) for sign in (1.0, -1.0))
+        return (plus - minus) / (2.0 * scale)
 
     def mult(self, matrix, x, y):
-        """Multiply, as PETSc's matrices of type Python do."""
+        """Multiply, as a PETSc matrix of type Python."""
         y.setArray(self.apply(x.array_r))
 
 
 def fastest_modes(form, dt, without=(), count=4, start=None):
-    """Return the fastest growth rates of a form's step and their modes, fastest first. Collective.
+    """Return the fastest growth rates of a step and their modes, fastest first. Collective.
 
-    The parameters are those of `LinearisedStep`, and how many modes are sought. Solver options
+    ``count`` is the number of modes; see `LinearisedStep` for the other parameters. Solver options
     have the prefixes ``-eps_`` and ``-step_``.
 
     Returns
     -------
     list of (complex, float, ndarray)
-        log(m)/dt in gdot0; the residual |A x - m x|/|m x| of its eigenpair; and its mode (size,),
-        complex, a disturbance as `LinearisedStep` has it.
+        log(m)/dt in gdot0; the relative residual |A x - m x|/|m x| of the eigenpair; and the
+        complex mode (size,), a disturbance as in `LinearisedStep`.
     """
     from slepc4py import SLEPc
 
@@ -189,11 +187,10 @@ def fastest_modes(form, dt, without=(), count=4, start=None):
 
 
 def spectrum(parameters, comm, dt):
-    """Return the fastest modes of a step ``dt``, 1/gdot0, about a snapshot. Collective.
+    """Return form, rows and modes of a step ``dt``, 1/gdot0, about a snapshot. Collective.
 
-    The snapshot is the one that the restart of the parameters names. The returned form, rows and
-    modes are those of `pgran.solve.spectrum.spectrum`, but each mode is that of `fastest_modes`.
-    Raises `SolutionError` if none converges.
+    The result has the form of `pgran.solve.spectrum.spectrum` with the modes of `fastest_modes`.
+    Raises `SolutionError` if no mode converges.
     """
     form = discretise(parameters, comm)
     found = fastest_modes(form, dt, start=states.snapshot_start(form))
@@ -205,20 +202,20 @@ def spectrum(parameters, comm, dt):
 
 
 def extrapolated(steps, rates):
-    """Return rates extrapolated to a step of zero by the polynomial through all points.
+    """Return rates (n,), gdot0, extrapolated to a step of zero by a polynomial in the step.
 
-    ``steps`` (n,) in 1/gdot0, ``rates`` (n,) in gdot0. The error of a step goes with its size.
+    ``steps`` (n,) are in 1/gdot0; the error of a rate is proportional to the step.
     """
     return float(np.polynomial.polynomial.polyfit(steps, rates, len(steps) - 1)[0])
 
 
 def write_mode(path, form, rate, mode, option=("output", PREFIX)):
-    """Write a mode of `fastest_modes` as a result file. Collective.
+    """Write a mode of `fastest_modes` with growth rate ``rate``, gdot0, to a file. Collective.
 
-    Its largest displacement is 1 d. The fields are ``displacement`` (d), ``velocity`` (d gdot0),
-    ``pressure`` and perhaps ``fluidity``, on a mesh that is displaced by at most `SHOWN`. ``rate``
-    is its growth rate, gdot0, and ``option`` names the file, as `pgran.output.writer.Writer` has
-    it. Returns the `pgran.output.writer.Writer` and the name of a field to be drawn.
+    The largest displacement of the mode is 1 d. The fields are ``displacement`` (d), ``velocity``
+    (d gdot0), ``pressure`` and, if present, ``fluidity``, on a mesh displaced by at most `SHOWN`.
+    ``option`` names the file as for `pgran.output.writer.Writer`. Returns this writer and the name
+    of a field for a picture.
     """
     grid = form.grid
     x = states.snapshot_start(form).x if form.case.parameters.restart else (

@@ -1,8 +1,8 @@
-"""Spectra of the solver's own Jacobian about the reference flow or a snapshot, by SLEPc.
+"""Spectra of the Jacobian about the reference flow or a snapshot, computed with SLEPc.
 
-The eigenproblem is J x = -lambda M x, with the derivatives J and M of the simulation's residual
-with respect to the unknowns and to their rates. M is singular, since only what stores has a rate:
-its infinite eigenvalues lie farthest from every shift, and those that SLEPc finds are left out.
+The eigenproblem is J x = -lambda M x, where J and M are the derivatives of the residual with
+respect to the unknowns and to their rates. M is singular, because only some unknowns have rates.
+Its infinite eigenvalues are farthest from every shift, and those that SLEPc returns are discarded.
 """
 
 import numpy as np
@@ -16,21 +16,21 @@ from ..space.weakform import discretise
 from ..theory import waves
 from . import state
 
-#: Harmonics of a cell among which the fastest is sought, each way.
+#: Number of harmonics of a cell in each direction among which the fastest is determined.
 HARMONICS = 6
-#: An eigenpair whose residual is larger is none.
+#: Largest residual of an accepted eigenpair.
 LARGEST_RESIDUAL = 1e-6
-#: An eigenvector with a smaller share in the unknowns that have a rate belongs to an infinite
-#: eigenvalue. Those of velocity and pressure are double, with one eigenvector: a rounding error of
-#: 1e-16 leaves a share of its root, 1e-8, where it should be zero.
+#: Smallest share of an eigenvector in the unknowns with rates. A smaller share indicates an
+#: infinite eigenvalue. The infinite eigenvalues of velocity and pressure are double with one
+#: eigenvector: a rounding error of 1e-16 changes their share from zero to its root, 1e-8.
 LEAST_STORED = 1e-3
 
 
 def theory(parameters, k):
-    """Return the largest analytic growth rates (...), gdot0, of wave vectors ``k`` (..., 2), A d k.
+    """Return the largest analytical growth rates, gdot0, of wave vectors ``k`` (..., 2), A d k.
 
-    lambda = (mu_loc/(A^2 phi I0^2)) times the dimensionless rate (3.22), or that of the primitive
-    form of NGF. Raises ValueError where the model has no theory.
+    lambda = (mu_loc/(A^2 phi I0^2)) times the dimensionless rate (3.22), or the rate of dynamic
+    NGF. Raises ValueError if the model has no theory.
     """
     coefficients = waves.Coefficients.of_run(parameters)
     rate = waves.viscous_rate(coefficients.mu, parameters.A, parameters.phi,
@@ -41,7 +41,7 @@ def theory(parameters, k):
 def fastest(parameters):
     """Return the fastest-growing wave vector (2,), A d k, of the theory.
 
-    Raises ValueError where there is none: all are stable, or growth has no bound.
+    Raises ValueError if all wave vectors are stable, or if growth is unbounded.
     """
     size, _, m = waves.fastest(waves.Coefficients.of_run(parameters))
     if not np.isfinite(size):
@@ -51,23 +51,22 @@ def fastest(parameters):
 
 
 def targets(parameters, k):
-    """Return where the spectrum is sought unless that is given, gdot0.
+    """Return the default targets of the eigenvalue search, gdot0.
 
-    For a cell with the wave vector ``k`` (2,) it is just beyond the fastest harmonic; for LI, whose
-    growth has no bound, just beyond the wave vector itself. Without a wave vector (None), no theory
-    is known: 0, 0.1, 0.3 and 0.9 of the growth of the fastest wave vector in free space; only 0
-    about a snapshot.
+    For a cell with the wave vector ``k`` (2,) the target is slightly above the fastest harmonic, or
+    for LI, whose growth is unbounded, above the wave vector itself. If ``k`` is None, the targets
+    are 0, 0.1, 0.3 and 0.9 of the largest growth rate in an infinite medium; about a snapshot 0.
     """
     if parameters.restart:
         return [0.0]
     if k is None:
         try:
             top = float(theory(parameters, fastest(parameters)))
-        except ValueError:  # no wave vector grows in free space
+        except ValueError:  # no wave vector grows
             return [0.0]
         return [0.0, 0.1 * top, 0.3 * top, 0.9 * top]
-    most = 1 if parameters.part("model").theory == "li" else HARMONICS
-    m = np.arange(1, most + 1)
+    largest = 1 if parameters.part("model").theory == "li" else HARMONICS
+    m = np.arange(1, largest + 1)
     rates = theory(parameters, np.array([(a, b) for a in m for b in m]) * k)
     if not np.isfinite(rates).all():
         raise ValueError(f"{','.join(f'{part:g}' for part in k)}: its growth rate is not finite")
@@ -75,10 +74,10 @@ def targets(parameters, k):
 
 
 def operators(parameters, comm):
-    """Return the form, J and M about the reference flow, rigid-viscous, or about a snapshot.
+    """Return the form, J and M about the rigid-viscous reference flow or a snapshot. Collective.
 
-    Rows of prescribed unknowns are those of the identity in J, and empty in M. The matrices belong
-    to the caller. Collective.
+    For prescribed unknowns the rows of J are rows of the identity, and the rows of M are empty. The
+    caller must destroy the matrices.
     """
     form = discretise(parameters, comm)
     if parameters.restart:
@@ -95,19 +94,17 @@ def operators(parameters, comm):
 
 
 def spectrum(parameters, comm, k=None, sought=None):
-    """Return the eigenvalues nearest to the targets, largest real part first.
-
-    Collective.
+    """Return the eigenvalues nearest to the targets, largest real part first. Collective.
 
     Parameters
     ----------
     parameters : pgran.options.Parameters
-        Inertia is switched on, and imperfections are left out.
+        The flow; inertia is added and imperfections are removed.
     comm : PETSc.Comm
     k : ndarray, (2,), optional
-        Wave vector A d k of which the case makes a cell, one wavelength each way.
+        Wave vector A d k; the cell has one wavelength in each direction.
     sought : sequence of float, optional
-        Targets, gdot0; those of `targets` unless given.
+        Targets, gdot0; by default the result of `targets`.
 
     Returns
     -------
@@ -141,11 +138,11 @@ def spectrum(parameters, comm, k=None, sought=None):
             row = row_of(value, error)
             if any(abs(value - complex(r["computed"], r["imaginary"])) < 1e-6 * abs(value)
                    and r["target"] != target for r in rows):
-                continue  # two targets have found it
+                continue  # another target has the same eigenvalue
             if k is not None:
                 harmonic, share = name_of(form, mode)
                 if harmonic == (0, 0):
-                    continue  # a translation of the whole cell: lambda = 0 says nothing about it
+                    continue  # lambda = 0 for a translation of the cell
                 analytic = float(theory(parameters, np.array(harmonic) * k))
                 row.update(harmonic=harmonic, share=share, analytic=analytic,
                            relative_error=abs(value - analytic) / abs(analytic))
@@ -154,7 +151,7 @@ def spectrum(parameters, comm, k=None, sought=None):
     J.destroy()
     M.destroy()
     if not rows:
-        raise SolutionError(f"no eigenvalue converged; {len(dropped)} were found whose residual is "
+        raise SolutionError(f"no eigenvalue converged; the residuals of {len(dropped)} others are "
                             f"not below {LARGEST_RESIDUAL:g}. What may help: another @@target, a "
                             "larger @@eps_max_it, or fewer @@eps_nev")
     order = sorted(range(len(rows)), key=lambda n: -rows[n]["computed"])
@@ -162,30 +159,37 @@ def spectrum(parameters, comm, k=None, sought=None):
 
 
 def row_of(value, error):
-    """Return what `spectrum` says of an eigenvalue, gdot0, with its residual, without theory."""
+    """Return the row of an eigenvalue, gdot0, with its residual and without theory."""
     return {"computed": value.real, "imaginary": value.imag, "analytic": None,
             "relative_error": None, "harmonic": None, "share": None, "residual": error}
 
 
 def unsteadiness(form):
-    """Return the norm of the residual of the snapshot that a restart names, with inertia.
+    """Return the residual norm with inertia of the snapshot of ``-pgran_restart``, stress d.
 
-    In stress d. A spectrum says how disturbances grow only if it is small. Collective.
+    A spectrum gives the growth of disturbances only if this norm is small. Collective.
     """
     start = state.snapshot_start(form)
     rows = form.residual(start.local, np.zeros_like(start.local), state.frozen(form, start))
     return float(np.sqrt(form.grid.comm.tompi4py().allreduce(rows @ rows)))
 
 
+def use_mumps(ksp):
+    """Make MUMPS the default solver of a KSP."""
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.getPC().setType(PETSc.PC.Type.LU)
+    ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+
+
 def eigenpairs(form, J, M, target):
     """Return the eigenpairs nearest to ``target``, gdot0. Collective.
 
-    The number, tolerance and solver are those of the ``-eps_`` and ``-st_`` options of SLEPc.
+    The ``-eps_`` and ``-st_`` options of SLEPc set their number, tolerance and solver.
 
     Returns
     -------
     list of (complex, ndarray, float)
-        lambda in gdot0, its mode (n_local,), complex, and its `residual`.
+        lambda in gdot0, its complex mode (n_local,) and its `residual`.
     """
     from slepc4py import SLEPc
 
@@ -196,10 +200,7 @@ def eigenpairs(form, J, M, target):
     eps.setTarget(-target)
     eps.setDimensions(8)
     eps.getST().setType(SLEPc.ST.Type.SINVERT)
-    inverse = eps.getST().getKSP()  # options may choose otherwise
-    inverse.setType(PETSc.KSP.Type.PREONLY)
-    inverse.getPC().setType(PETSc.PC.Type.LU)
-    inverse.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+    use_mumps(eps.getST().getKSP())
     eps.setFromOptions()
     eps.solve()
     found, (real, imaginary) = [], J.createVecs()
@@ -213,14 +214,14 @@ def eigenpairs(form, J, M, target):
 
 
 def residual(J, M, value, real, imaginary):
-    """Return |J x + lambda M x| over |lambda M x| of an eigenpair, x = real + i imaginary.
+    """Return |J x + lambda M x|/|lambda M x| of an eigenpair, x = real + i imaginary.
 
-    It is infinite for an infinite eigenvalue: where M x, over the diagonal of M, is but a rounding
+    It is inf for an infinite eigenvalue, for which M x, divided by the diagonal of M, is a rounding
     error of x.
     """
     Jx, Mx = J.createVecs()
     diagonal = M.getDiagonal()
-    diagonal.reciprocal()  # leaves zeros as they are
+    diagonal.reciprocal()  # zeros remain zero
     change = size = rates = 0.0
     # lambda M x = (a + ib)(Mr + iMi), part by part
     for part, other, sign in ((real, imaginary, -1.0), (imaginary, real, 1.0)):
@@ -243,10 +244,10 @@ def residual(J, M, value, real, imaginary):
 
 
 def name_of(form, mode):
-    """Return the harmonic (m1, m2) of a mode (n_local,) of the cell, and its share of the power.
+    """Return the harmonic (m1, m2) of a mode (n_local,) of the cell and its share of the power.
 
-    The largest Fourier term of the velocity, among all that the elements resolve; m1 >= 0,
-    and m2 > 0 where m1 = 0: a mode and its complex conjugate have one name. Collective.
+    It is the largest Fourier term of the velocity that the mesh resolves. A mode and its complex
+    conjugate have the same name: m1 > 0, or m1 = 0 and m2 > 0. Collective.
     """
     grid = form.grid
     nodes = grid.nodes
@@ -265,18 +266,18 @@ def name_of(form, mode):
 
 
 def write_mode(path, form, rate, mode):
-    """Write a mode (n_local,) as a result file; its largest velocity becomes 1. Collective.
+    """Write a mode (n_local,) with growth rate ``rate``, gdot0, to a file. Collective.
 
-    ``rate`` is its growth rate, gdot0. The flow of a snapshot that it was found about is written
-    beside it, so that a run can start from both. Returns the `pgran.output.writer.Writer` and the
-    name of a field to be drawn.
+    Its largest velocity becomes 1. The file also contains the flow of the snapshot about which the
+    mode was computed, so that a run can start from both. Returns the `pgran.output.writer.Writer`
+    and the name of a field for a picture.
     """
     grid, case, comm = form.grid, form.case, form.grid.comm.tompi4py()
-    # The largest velocity becomes 1 in size and real, on whichever rank it is.
+    # The largest velocity becomes 1, also in phase.
     scale = grid.largest(grid.split(mode)[0][:, grid.nodes.owned].ravel())
     velocity, fluidity, pressure = grid.split((mode / scale).real)
     if all(case.periodic):
-        # The held pressure of one corner adds a constant, which changes no flow: take it out.
+        # The prescribed pressure of one corner adds a constant without effect: subtract the mean.
         pressure, fluidity = (field if field is None else field - comm.allreduce(
             field[owned].sum(), MPI.SUM) / comm.allreduce(owned.size, MPI.SUM)
             for field, owned in ((pressure, grid.corners.owned), (fluidity, grid.nodes.owned)))
@@ -291,7 +292,7 @@ def write_mode(path, form, rate, mode):
 
 
 def draw_mode(writer, name, title):
-    """Draw the field ``name`` of a mode on rank 0; return what to say of it. Collective."""
+    """Draw the field ``name`` of a mode on rank 0; return the file name or a note. Collective."""
     def picture():
         try:
             from ..output import pictures

@@ -1,12 +1,12 @@
-"""The state of a run, where it starts, and what one time step solves.
+"""States of a run, initial states and the equations of one time step.
 
-A step predicts the mesh at its end to third order (Adams-Bashforth), turns the last two stresses
-with the material, and asks for the solution there with the stress rate of BDF2. After acceptance
-the mesh moves by the trapezoidal rule, and the new stress is kept. Where the flow grows as
-exp(r t), this rule adds (r dt)^3/12 in a step, and a prediction of second order would take
-5/12 (r dt)^4, which is more from r dt = 1/5 on. On a fixed mesh the flow rotates and advects the
-stress instead. In pseudo-time stress neither rotates nor moves, so that the steady state is that of
-rigid-viscous flow.
+A step predicts the mesh at its end to third order (Adams-Bashforth), rotates the last two stresses
+with the material, and solves for the unknowns at its end with the stress rate of BDF2. After
+acceptance the mesh moves by the trapezoidal rule, and the new stress is stored. If the flow grows
+as exp(r t), this rule adds an error of (r dt)^3/12 per step; a prediction of second order would
+subtract 5/12 (r dt)^4, which is larger for r dt > 1/5. On a fixed mesh the flow rotates and
+advects the stress instead. In pseudo-time the stress is neither rotated nor advected, so that the
+steady state is rigid-viscous flow.
 """
 
 from typing import NamedTuple
@@ -23,18 +23,17 @@ from ..output.start import read_mode, read_snapshot
 from ..space.advection import Advection
 from ..space.element import DIM, SHAPE
 
-#: Departure from the reference flow, over its size, from which on a perturbation is a band.
+#: Relative deviation from the reference flow above which a perturbation is a band.
 FORMED = 1.0
-#: Changes of the perturbation below this share of what is resolved are those of rounding and of
-#: what Newton's method leaves.
+#: Relative changes of the perturbation below this value are due to rounding and Newton's method.
 NOISE = 1e-3
-#: Numbers of a checkpoint without which no run goes on.
+#: Numbers that a checkpoint must contain.
 NUMBERS = ("time", "period", "ts_time", "wanted", "steps", "history", "snapshots", "stored", "work",
            "dissipation")
 
 
 class State:
-    """The last accepted state of a rank: all that a step starts from.
+    """An accepted state on one rank, from which a step starts.
 
     Attributes
     ----------
@@ -47,38 +46,46 @@ class State:
     stress : ndarray, (3, points, n)
         Deviator, stress.
     dt : float or None
-        Size of the step that led here; None at the start.
-    earlier : ndarray, (3, points, n), or None
-        The stress that this step started from, rotated and advected with the material.
+        Size of the last step; None at the start.
+    previous_stress : ndarray, (3, points, n), or None
+        Stress at the start of the last step, rotated and advected with the material.
     rate : ndarray, (n_local,)
-        Difference quotient of the unknowns over this step; zero at the start.
-    bend : ndarray, (2, n_nodes), or None
-        Second divided difference of the velocity over the last two steps; None before there were
-        two.
-    pace : float or None
-        That of the `Departure` of this step; None at the start.
+        Difference quotient of the unknowns over the last step; zero at the start.
+    velocity_curvature : ndarray, (2, n_nodes), or None
+        Second divided difference of the velocity over the last two steps; None before the second
+        step.
+    growth_signal : float or None
+        The `ErrorEstimate.growth_signal` of the last step; None at the start.
     """
 
-    def __init__(self, time, x, local, stress, dt=None, earlier=None, rate=None, bend=None,
-                 pace=None):
-        self.time, self.x, self.local, self.stress = time, x, local, stress
-        self.dt, self.earlier, self.bend, self.pace = dt, earlier, bend, pace
+    def __init__(self, time, x, local, stress, dt=None, previous_stress=None, rate=None,
+                 velocity_curvature=None, growth_signal=None):
+        self.time, self.x, self.local, self.stress, self.dt = time, x, local, stress, dt
+        self.previous_stress, self.velocity_curvature = previous_stress, velocity_curvature
+        self.growth_signal = growth_signal
         self.rate = np.zeros_like(local) if rate is None else rate
 
     def extrapolated(self, dt):
-        """Return the unknowns and the stress on the line through the last two states."""
+        """Return unknowns and stress after ``dt``, extrapolated from the last two states."""
         if self.dt is None:
             return self.local, self.stress
         return (self.local + dt * self.rate,
-                self.stress + dt / self.dt * (self.stress - self.earlier))
+                self.stress + dt / self.dt * (self.stress - self.previous_stress))
 
     def mean_velocity(self, form, dt):
-        """Return the velocity (2, n_nodes) expected in a step ``dt``, its mean, d gdot0.
+        """Return the expected mean velocity (2, n_nodes) in a step ``dt``, d gdot0.
 
-        It is that of the parabola through the last three states.
+        It is the mean of the parabola through the last three states.
         """
-        found = velocity(form, self.local + 0.5 * dt * self.rate, self.x)
-        return found if self.bend is None else found + dt * (dt / 3.0 + self.dt / 2.0) * self.bend
+        mean = velocity(form, self.local + 0.5 * dt * self.rate, self.x)
+        if self.velocity_curvature is None:
+            return mean
+        return mean + dt * (dt / 3.0 + self.dt / 2.0) * self.velocity_curvature
+
+    def past_stress(self, dt, stresses):
+        """Return f and S of `stress_rate` for a step ``dt`` from `TimeStep.transport`."""
+        stress, *previous = stresses
+        return stress_rate(dt, stress, self.dt, *previous)
 
     def nodal(self, form):
         """Return velocity, pressure, perhaps fluidity, and deviator at nodes, {name: (..., n)}."""
@@ -87,31 +94,31 @@ class State:
                   "deviator": np.array([form.grid.at_nodes(part) for part in self.stress])}
         return fields if fluidity is None else {**fields, "fluidity": fluidity}
 
-    # On any number of ranks
+    # Checkpoints, for any number of ranks
 
     def arrays(self, grid):
-        """Return the arrays of a checkpoint, as `pgran.output.checkpoint.write` has them."""
+        """Return the arrays of a checkpoint for `pgran.output.checkpoint.write`."""
         nodes, corners = {"coordinates": self.x}, {}
         for kind, local in (("", self.local), ("_rate", self.rate)):
             velocity, fluidity, corners[f"pressure{kind}"] = grid.split(local)
             nodes[f"velocity{kind}"] = velocity
             if fluidity is not None:
                 nodes[f"fluidity{kind}"] = fluidity
-        if self.bend is not None:
-            nodes["velocity_bend"] = self.bend
+        if self.velocity_curvature is not None:
+            nodes["velocity_bend"] = self.velocity_curvature
         elements = {"stress": self.stress}
-        if self.earlier is not None:
-            elements["earlier_stress"] = self.earlier
+        if self.previous_stress is not None:
+            elements["earlier_stress"] = self.previous_stress
         return {"nodes": nodes, "corners": corners, "elements": elements}
 
     def values(self, grid):
         """Return the numbers of a checkpoint. Collective."""
-        return {"time": self.time, "dt": self.dt, "pace": self.pace,
+        return {"time": self.time, "dt": self.dt, "pace": self.growth_signal,
                 "period": grid.period(self.x)}
 
     @classmethod
     def of(cls, form, values, arrays):
-        """Return the state that `values` and `arrays` describe, at the local points of a form."""
+        """Return the state from the `values` and `arrays` of a checkpoint on this rank."""
         grid, nodes, corners = form.grid, arrays["nodes"], arrays["corners"]
         x, lattice = _initial_mesh(form), grid.nodes
         if form.case.moving:
@@ -120,118 +127,108 @@ class State:
                 x += np.outer(period, index // n)  # beyond the ends of a periodic grid
         local, rate = (grid.join(nodes[f"velocity{kind}"], nodes.get(f"fluidity{kind}"),
                                  corners[f"pressure{kind}"]) for kind in ("", "_rate"))
-        stress, earlier = (
+        stress, previous_stress = (
             None if part is None else np.ascontiguousarray(part)
             for part in (arrays["elements"]["stress"], arrays["elements"].get("earlier_stress")))
-        dt, pace = (None if values.get(name) is None else float(values[name])
-                    for name in ("dt", "pace"))
-        return cls(float(values["time"]), x, local, stress, dt, earlier, rate,
-                   nodes.get("velocity_bend"), pace)
-
-    def past(self, dt, stresses):
-        """Return f and S of `stress_rate` for a step ``dt``.
-
-        ``stresses`` are those that `TimeStep.transport` returns.
-        """
-        stress, *earlier = stresses
-        return stress_rate(dt, stress, self.dt, *earlier)
+        dt, growth_signal = (None if values.get(name) is None else float(values[name])
+                             for name in ("dt", "pace"))
+        return cls(float(values["time"]), x, local, stress, dt, previous_stress, rate,
+                   nodes.get("velocity_bend"), growth_signal)
 
 
-def _unknowns(form, fields, x):
-    """Local unknowns (n_local,) of ``fields(points)``, that is velocity, fluidity and pressure."""
-    grid = form.grid
-    corners = x[:, grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)]
-    velocity, fluidity, _ = fields(x)
-    return grid.join(velocity, fluidity, fields(corners)[2])
+def velocity(form, local, x):
+    """Return the velocity (2, n_nodes) of the material with the base flow at ``x``, d gdot0."""
+    return form.grid.split(local)[0] + form.case.base_gradient @ x
 
+
+# Initial states
 
 def _initial_mesh(form):
     return form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
 
 
+def _corner_nodes(grid):
+    return grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)
+
+
+def _unknowns(form, fields):
+    """Return the unknowns of ``fields(points)``: velocity, fluidity and pressure."""
+    x = _initial_mesh(form)
+    velocity, fluidity, _ = fields(x)
+    return form.grid.join(velocity, fluidity, fields(x[:, _corner_nodes(form.grid)])[2])
+
+
+def _joined(form, fields):
+    """Return the unknowns of nodal fields {name: (..., n_nodes)}."""
+    return form.grid.join(fields["velocity"], fields.get("fluidity"),
+                          fields["pressure"][_corner_nodes(form.grid)])
+
+
+def _at_points(form, nodal):
+    """Return nodal fields (k, n_nodes) at the Gauss points, (k, points, n)."""
+    return SHAPE @ nodal[:, form.grid.element_nodes]
+
+
 def rest(form):
     """Return the `State` at rest before loading: no stress deviator, and the model's fluidity."""
-    case, x = form.case, _initial_mesh(form)
+    case = form.case
 
     def start(points):
         velocity, fluidity, pressure = case.start(points)
         share = case.material.model.start_fluidity
         return velocity, fluidity + share * case.reference(points)[1], pressure
 
-    return State(0.0, x, _unknowns(form, start, x), form.no_stress())
+    return State(0.0, _initial_mesh(form), _unknowns(form, start), form.no_stress())
 
 
 def reference(form):
-    """Return the `State` of the reference flow of the case, rigid-viscous. Collective."""
-    return _rigid_viscous(form, _unknowns(form, form.case.reference, _initial_mesh(form)))
+    """Return the `State` of the rigid-viscous reference flow of the case. Collective."""
+    return _rigid_viscous(form, _unknowns(form, form.case.reference))
 
 
 def _rigid_viscous(form, local):
-    """The `State` of unknowns on the initial mesh, whose stress follows from them."""
+    """Return the `State` on the initial mesh with the stress that follows from the unknowns."""
     x = _initial_mesh(form)
     increment = form.increment(x, form.no_stress(), 0.0, 0.0)
-    increment.prescribed = np.full(form.grid.n_local, np.nan)  # nothing is imposed on this flow
+    increment.prescribed = np.full(form.grid.n_local, np.nan)  # no boundary values
     return State(0.0, x, local, form.stress(local, increment))
 
 
 def seeded(form):
-    """Return the `State` of the flow that the mode of a seed is one of, plus the mode. Collective.
+    """Return the `State` of the sum of a flow and the mode of ``-pgran_mode_file``. Collective.
 
-    That is the reference flow, or the snapshot that the mode was found about; its stress is kept.
-
-    Raises
-    ------
-    ParameterError
-        If the mode does not fit.
+    The flow is the reference flow, or the snapshot about which the mode was computed with its
+    stress. Raises `pgran.options.ParameterError` if the mode does not fit.
     """
     mode, base = read_mode(form.case.parameters, form)
     change = form.case.parameters.mode_amplitude * _joined(form, mode)
     if base:
         return State(0.0, _initial_mesh(form), _joined(form, base) + change,
                      _at_points(form, base["deviator"]))
-    return _rigid_viscous(form, _unknowns(form, form.case.reference, _initial_mesh(form)) + change)
-
-
-def _joined(form, fields):
-    """Local unknowns (n_local,) of nodal fields {name: (..., n_nodes)} of a result."""
-    grid = form.grid
-    corners = grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)
-    return grid.join(fields["velocity"], fields.get("fluidity"), fields["pressure"][corners])
-
-
-def _at_points(form, nodal):
-    """The values (k, points, n) of nodal fields (k, n_nodes) at the Gauss points."""
-    return SHAPE @ nodal[:, form.grid.element_nodes]
+    return _rigid_viscous(form, _unknowns(form, form.case.reference) + change)
 
 
 def steady_start(form):
-    """Return the `State` from which steady flow is sought. Collective.
+    """Return the initial `State` of a steady run. Collective.
 
-    It is that of the snapshot which a restart names, or the reference flow on the initial mesh.
-
-    Raises
-    ------
-    ParameterError
-        If the snapshot does not fit.
+    It is the snapshot of ``-pgran_restart``, or the reference flow on the initial mesh. Raises
+    `pgran.options.ParameterError` if the snapshot does not fit.
     """
-    if not form.case.parameters.restart:
-        # Stress that follows from a strain rate is out of balance: LI starts without.
-        return reference(form) if form.grid.has_fluidity else rest(form)
-    return snapshot_start(form)
+    if form.case.parameters.restart:
+        return snapshot_start(form)
+    # Stress that follows from a strain rate is not in equilibrium: LI starts without stress.
+    return reference(form) if form.grid.has_fluidity else rest(form)
 
 
 def snapshot_start(form):
-    """Return the `State` of the snapshot that a restart names. Collective.
+    """Return the `State` of the snapshot of ``-pgran_restart``. Collective.
 
-    Raises
-    ------
-    ParameterError
-        If the snapshot does not fit.
+    Raises `pgran.options.ParameterError` if the snapshot does not fit.
     """
-    grid, parameters = form.grid, form.case.parameters
-    if any(grid.periodic) and form.case.moving:
-        raise ParameterError("restart", parameters.restart, f"not for @case {parameters.case}, "
-                             "whose grid is periodic and moves")
+    parameters = form.case.parameters
+    if any(form.grid.periodic) and form.case.moving:
+        raise ParameterError("restart", parameters.restart, "not possible for @case "
+                             f"{parameters.case}, whose periodic grid moves")
     attributes, fields = read_snapshot(parameters, form)
     x = fields["coordinates"] if form.case.moving else _initial_mesh(form)
     return State(float(attributes["time"]), x, _joined(form, fields),
@@ -239,16 +236,16 @@ def snapshot_start(form):
 
 
 def frozen(form, state):
-    """Return the `Increment` in which a steady state stays as it is. Collective.
+    """Return the `Increment` of a steady state. Collective.
 
-    The elastic element keeps the stress and bears what deforms within ``steady_time``, so that the
-    stress of material at rest has its place, and what creeps counts.
+    The stress of the state is kept as elastic stress that relaxes within ``steady_time``. Material
+    at rest can bear it, and creep contributes to the residual.
     """
-    return TimeStep(form, state, form.case.parameters.steady_time, still=True).increment
+    return TimeStep(form, state, form.case.parameters.steady_time, frozen=True).increment
 
 
 def checkpoint_start(form):
-    """Return the `State` of the newest good checkpoint of the run that a restart names. Collective.
+    """Return the `State` of the newest valid checkpoint of ``-pgran_restart``. Collective.
 
     Returns
     -------
@@ -261,7 +258,7 @@ def checkpoint_start(form):
     Raises
     ------
     ParameterError
-        If there is none.
+        If there is no valid checkpoint.
     """
     path = form.case.parameters.restart
     disk = Disk(form.grid.comm.tompi4py(), "restart", path)
@@ -275,80 +272,76 @@ def checkpoint_start(form):
         counts, sizes = ([values.get(name, 1) for name in names] for names in (
             ("steps", "history", "snapshots"), ("wanted", "dt", "repeat")))
         if np.shape(values["period"]) != (DIM, DIM) or min(counts) < 0 or min(sizes) <= 0:
-            raise ValueError("its numbers are those of no run")
+            raise ValueError("it contains invalid numbers")
         like = rest(form)
-        like.earlier = like.stress if "dt" in values else None
-        like.bend = like.x if "nodes/velocity_bend" in file else None
+        like.previous_stress = like.stress if "dt" in values else None
+        like.velocity_curvature = like.x if "nodes/velocity_bend" in file else None
         return values, checkpoint.read_arrays(file, form.grid, like.arrays(form.grid))
 
     (values, arrays), _, damaged = checkpoint.newest(path, disk.do(run), accept, disk)
     return State.of(form, values, arrays), values, damaged
 
 
-def velocity(form, local, x):
-    """Return the velocity (2, n_nodes) of material at nodes ``x``, base flow included, d gdot0."""
-    return form.grid.split(local)[0] + form.case.base_gradient @ x
+# One time step
 
-
-class Departure(NamedTuple):
-    """How far a solution departs from what was expected, and from the reference flow v0.
+class ErrorEstimate(NamedTuple):
+    """Error estimate of a step and deviation of its solution from the reference flow v0.
 
     Attributes
     ----------
     error : float
-        From the extrapolation of the last two states: the larger of max|v - v*|/max|v - v0| and
-        max|sigma' - sigma'*|/(mu_s P0), where v* and sigma'* are extrapolated.
-    perturbation : float
-        From the reference flow, over the size of the flow: max|v - v0|/max|v|.
-    pace : float
-        Largest change of v - v0 over the step, over its size dt; 0 where it is `NOISE`.
+        Difference from the extrapolation (v*, sigma'*) of the last two states: the larger of
+        max|v - v*|/max|v - v0| and max|sigma' - sigma'*|/(mu_s P0).
+    deviation : float
+        Relative deviation from the reference flow: max|v - v0|/max|v|.
+    growth_signal : float
+        Largest change of v - v0 in the step, divided by dt; 0 if the change is `NOISE`.
     exponent : float
-        How much ln(pace) grows in a step of this size, by this step and the last one:
-        ln(pace/pace') 2 dt/(dt + dt'). Zero where it falls, or before there were two steps. An
-        imperfection has a response that stays as it is: this hides what grows from ``error``, but
-        not from ``exponent``.
+        Growth of ln(growth_signal) in a step of this size, from this step and the last one:
+        ln(s/s') 2 dt/(dt + dt'). Zero if it decreases, or in the first two steps. A constant
+        response to an imperfection can hide a growing mode in ``error``, but not in ``exponent``.
     """
 
     error: float
-    perturbation: float
-    pace: float
+    deviation: float
+    growth_signal: float
     exponent: float
 
     @property
-    def to_come(self):
-        """The departure that the next step would have at this size.
+    def next_error(self):
+        """Expected error of the next step if it has the same size.
 
-        exp(r t) departs from the line through its last two values by (r dt)^2 of itself.
+        The line through the last two values of exp(r t) has a relative error of (r dt)^2.
         """
-        return max(self.error, self.exponent**2) if self.perturbation < FORMED else self.error
+        return max(self.error, self.exponent**2) if self.deviation < FORMED else self.error
 
 
 class TimeStep:
-    """One implicit time step from a state. Making it is collective.
+    """The equations of one implicit time step from a state. Its methods are collective.
 
     Parameters
     ----------
     form : pgran.space.weakform.WeakForm
     state : State
     dt : float
-        Size of the step, 1/gdot0; 0 gives the rigid-viscous equations as they stand.
-    still : bool
-        Whether mesh, walls and stress stay as they are, as in pseudo-time.
+        Size of the step, 1/gdot0; 0 gives the rigid-viscous equations.
+    frozen : bool
+        Whether mesh, walls and stress do not move, as in pseudo-time.
 
     Attributes
     ----------
     increment : pgran.space.weakform.Increment
-        What is fixed while the step is solved.
+        Quantities that are constant while the step is solved.
     courant_number : float
-        Largest number of elements that material crosses in the step; 0 where the mesh moves with
-        the material, or where everything stays.
+        Largest number of elements that the material crosses in the step; 0 if the mesh moves with
+        the material or is frozen.
     """
 
-    def __init__(self, form, state, dt, still=False):
-        self.form, self.state, self.dt, self.still = form, state, dt, still or dt == 0.0
+    def __init__(self, form, state, dt, frozen=False):
+        self.form, self.state, self.dt, self.frozen = form, state, dt, frozen or dt == 0.0
         x, stress, end, factor = state.x, state.stress, state.time, 1.0
         self.courant_number = 0.0
-        if not self.still:
+        if not self.frozen:
             middle = state.mean_velocity(form, dt)
             if form.case.moving:
                 x = state.x + dt * middle
@@ -357,20 +350,20 @@ class TimeStep:
                 self.courant_number = self._advection.courant_number(dt)
             self._angle = dt * form.spin(middle, 0.5 * (state.x + x))
             stresses = self.transport(state)
-            self._earlier = stresses[0]
-            factor, stress = state.past(dt, stresses)
+            self._previous_stress = stresses[0]
+            factor, stress = state.past_stress(dt, stresses)
             end = state.time + dt
         theta = factor * form.material.elastic_compliance(dt)
         self.increment = form.increment(x, stress, theta, end, rate_from=state.time)
 
     def transport(self, state):
-        """Return the last one or two stress deviators of a state as this step transports them.
+        """Return the last one or two stress deviators, transported to the end of the step.
 
         Each is (3, points, n), the latest one first. They rotate with the material. On a fixed mesh
-        they are advected too, after half of the rotation, which makes both together second order
-        in time. Collective.
+        they are also advected, between two halves of the rotation, which is second order in time.
+        Collective.
         """
-        stresses = [state.stress] if state.dt is None else [state.stress, state.earlier]
+        stresses = [state.stress] if state.dt is None else [state.stress, state.previous_stress]
         if self.form.case.moving:
             return [rotate(stress, self._angle) for stress in stresses]
         half = 0.5 * self._angle
@@ -386,39 +379,36 @@ class TimeStep:
                       + velocity(self.form, local, self.increment.x))
         return self.state.x + self.dt * mean
 
-    def end(self, local, stress, pace=None):
-        """Return the `State` at the end of the step, with its solution and new stress.
-
-        ``pace`` is that of its `departure`.
-        """
+    def end(self, local, stress, growth_signal=None):
+        """Return the `State` at the end of the step from its solution and its new stress."""
         state = self.state
-        if self.still:
+        if self.frozen:
             return State(state.time, state.x, local, stress)
-        rate, bend = (local - state.local) / self.dt, None
+        rate, curvature = (local - state.local) / self.dt, None
         if state.dt is not None:
-            bend = self.form.grid.split(rate - state.rate)[0] / (self.dt + state.dt)
+            curvature = self.form.grid.split(rate - state.rate)[0] / (self.dt + state.dt)
         return State(state.time + self.dt, self.mesh_at_end(local), local, stress, self.dt,
-                     self._earlier, rate, bend, pace)
+                     self._previous_stress, rate, curvature, growth_signal)
 
-    def departure(self, local, stress, resolution):
-        """Return the `Departure` of the solution. Collective.
+    def error_estimate(self, local, stress, min_deviation):
+        """Return the `ErrorEstimate` of the solution. Collective.
 
-        A growing perturbation v - v0 counts by its own size, once this exceeds ``resolution`` times
-        max|v|.
+        The error of the velocity is relative to the perturbation v - v0, or to ``min_deviation``
+        times max|v| if this is larger.
         """
         form, owned, state = self.form, self.form.grid.nodes.owned, self.state
         x, comm = self.increment.x, form.grid.comm.tompi4py()
         expected, expected_stress = state.extrapolated(self.dt)
-        now, then = (velocity(form, unknowns, x)[:, owned] for unknowns in (local, expected))
-        apart, before = (
+        now, predicted = (velocity(form, unknowns, x)[:, owned] for unknowns in (local, expected))
+        perturbation, before = (
             form.grid.split(unknowns)[0][:, owned] - form.case.reference(points)[0][:, owned]
             for unknowns, points in ((local, x), (state.local, state.x)))
-        off, size, change, apart, stress_off = (
+        error, size, change, perturbation, stress_error = (
             comm.allreduce(np.abs(part).max(initial=0.0), MPI.MAX) for part in
-            (now - then, now, apart - before, apart, stress - expected_stress))
-        scale, exponent = max(apart, resolution * size), 0.0
-        pace = change / self.dt if change > NOISE * scale else 0.0
-        if state.pace and pace > state.pace:
-            exponent = np.log(pace / state.pace) * 2.0 * self.dt / (self.dt + state.dt)
-        return Departure(max(off / scale, stress_off / form.material.yield_stress),
-                         apart / size if size else 0.0, pace, exponent)
+            (now - predicted, now, perturbation - before, perturbation, stress - expected_stress))
+        scale, exponent = max(perturbation, min_deviation * size), 0.0
+        signal = change / self.dt if change > NOISE * scale else 0.0
+        if state.growth_signal and signal > state.growth_signal:
+            exponent = np.log(signal / state.growth_signal) * 2.0 * self.dt / (self.dt + state.dt)
+        return ErrorEstimate(max(error / scale, stress_error / form.material.yield_stress),
+                             perturbation / size if size else 0.0, signal, exponent)
