@@ -208,10 +208,8 @@ def test_curves_profiles_and_movies_are_drawn(path, tmp_path, capsys):
     (["-history", "nosuch"], "-history nosuch"), (["-movie", "x.avi"], "ends in .gif or .mp4"),
     (["-show"], "no display"), (["-field", "presure"], "no field presure; did you mean pressure?"),
     (["-field", "spin", "-log", "-limits", "-1,1"], "the colour scale must be > 0"),
-    (["-field", "spin,velocity"], "-field velocity: not a scalar field; expected one of: speed, "
-     "velocity_1, velocity_2"), (["-field", "deviator"], "-field deviator: not a scalar field"),
+    (["-field", "spin,velocity"], "-field velocity: not a scalar field; expected one of: "),
     (["-line", "20,0,30,0"], "-line 20,0,30,0: does not cross the material"),
-    (["-line", "20,0,30,0"], "x2 = 0 to 23.95 d"),
     (["-line", "1,1,1,1"], "-line 1,1,1,1: the two points must differ"),
     (["-history", "top_stres"], "did you mean top_stress?")])
 def test_invalid_options_of_plot_are_refused(path, words, message, capsys, monkeypatch):
