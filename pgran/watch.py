@@ -43,11 +43,7 @@ def curve(x, y, size=(64, 12)):
 
 
 def ending(result, silence):
-    """Return how the run of a `Result` ended as text, or None while it runs.
-
-    ``silence`` is the time, s, without a change of the file after which a run on another machine
-    counts as ended.
-    """
+    """Return how the run of a `Result` ended as text, or None while it runs."""
     attributes = result.attributes
     if result.complete:
         seconds = attributes.get("seconds")
@@ -64,7 +60,7 @@ def ending(result, silence):
 
 
 def look(path, column, silence):
-    """Return the state of a run as lines of text, and whether it has ended; see `ending`."""
+    """Return the state of a run as lines of text, and whether it has ended."""
     result = Result(path)
     history, case, steps = result.history, result.case, len(result.history["time"])
     lines = [f"{path}: {result.parameters.case}, {result.parameters.model}, "
