@@ -1,9 +1,7 @@
 """Monitor a run from another terminal: python -m pgran.watch NAME.h5 [-every 5] [-once]
 
 Shows the progress, the estimated remaining time, the last step, and a curve of the history, until
-the run is complete, stopped, failed or killed. A killed run is detected on the machine of rank 0;
-on another machine a run counts as ended if its file has not changed for ``-silence`` seconds.
-Ctrl-C ends the monitor, not the run.
+the run is complete, stopped, failed or killed. Ctrl-C ends the monitor, not the run.
 """
 
 import os
@@ -29,11 +27,10 @@ OPTIONS = (
 def curve(x, y, size=(64, 12)):
     """Return a curve through points (n,) as lines of text of a size in characters, with scales."""
     def scaled(values, count):
-        low, span = values.min(), np.ptp(values)
-        return np.rint((values - low) / (span or 1.0) * (count - 1)).astype(int)
+        span = np.ptp(values) or 1.0
+        return np.rint((values - values.min()) / span * (count - 1)).astype(int)
 
     wide, high = size
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     characters = np.full((high, wide), " ")
     characters[high - 1 - scaled(y, high), scaled(x, wide)] = "*"
     marks = [f"{y.max():.3g}", *[""] * (high - 2), f"{y.min():.3g}"]

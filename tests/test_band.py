@@ -58,6 +58,7 @@ def test_angle_and_width_are_recovered(angles, width, deformed):
         assert found["angle_error"] < (1.0 if wide else 0.1)
         assert found["width_error"] < 0.03 * width
         assert abs(distance(found["centre"], angle, (20.0, 54.0))) < 0.1
+        assert deformed or found["asymmetry"] < 1e-12
 
 
 @pytest.mark.parametrize("deformed", [False, True])
@@ -75,8 +76,7 @@ def test_each_of_parallel_bands_is_measured(angle, centres, deformed):
 
 @pytest.mark.parametrize("angle", [30.0, 75.0])
 def test_both_crossing_bands_are_measured(angle):
-    found = band.band(PLAIN, gaussian_band(PLAIN, angle, 10.0)
-                      + gaussian_band(PLAIN, -angle, 10.0))
+    found = band.band(PLAIN, sum(gaussian_band(PLAIN, a, 10.0) for a in (-angle, angle)))
     assert found["bands"] == 2 and found["parts"] == 0
     assert sorted(each["angle"] for each in found["each_band"]) == pytest.approx(
         [-angle, angle], abs=0.5)
@@ -103,11 +103,6 @@ def test_other_bands_and_the_boundary_do_not_change_the_angle(field, angle, widt
     assert found["angle"] == pytest.approx(angle, abs=0.5 if bands != 1 else 0.1)
     assert not width or found["width"] == pytest.approx(width, rel=0.04)
     assert bands in (None, found["bands"]) and parts in (None, found["parts"])
-
-
-def test_asymmetry_shows_a_band_off_the_centre():
-    assert band.band(PLAIN, gaussian_band(PLAIN, 51.0, 15.0))["asymmetry"] < 1e-12
-    assert band.band(PLAIN, gaussian_band(PLAIN, 51.0, 15.0, (20.0, 64.0)))["asymmetry"] > 0.3
 
 
 BENT = np.stack([0.0 * PLAIN[..., 0], 8.0 * np.sin(np.pi * PLAIN[..., 0] / 40.0)], axis=-1)

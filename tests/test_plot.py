@@ -12,7 +12,6 @@ from PIL import Image
 
 from pgran import plot, watch
 from pgran.output import pictures
-from pgran.output.reader import ResultError
 from pgran.output.result import QUANTITIES, Result, q2_elements
 
 #: Strains that files of earlier releases may lack.
@@ -36,7 +35,7 @@ def snapshot(path):
 
 def run(path, *options):
     """Run on one rank; return the last snapshot."""
-    run_ranks(0, "-m", "pgran", *options, "-pgran_output", path, "-pgran_progress", "quiet")
+    run_ranks(0, "-m", "pgran", *options, "-pgran_output", path)
     return Result(path).snapshots[-1]
 
 
@@ -79,25 +78,11 @@ def test_computed_strains_equal_those_of_the_solver(path, snapshot):
         np.testing.assert_allclose(computed[name], snapshot[name], rtol=1e-9, atol=1e-12)
 
 
-def test_quantities_of_homogeneous_compression(path, snapshot):
-    """Velocity (x1/2, -x2/2) and height H exp(-t/2): no spin, strain t, no volume change."""
-    flow, shape = without_strains(path), snapshot.x.shape[:2]
-    flow._read["velocity"] = flow.x * [0.5, -0.5]
-    deformed, time = without_strains(path), 0.3
-    start = np.stack(np.meshgrid(np.linspace(0, 8, shape[1]), np.linspace(0, 24, shape[0])), -1)
-    deformed._read["coordinates"] = start * [np.exp(time / 2.0), np.exp(-time / 2.0)]
-    for found, wanted in ((flow["strain_rate"], 1.0), (flow["spin"], 0.0),
-                          (deformed["strain"], time), (deformed["volume_change"], 0.0)):
-        np.testing.assert_allclose(found, np.full(shape, wanted), rtol=1e-6, atol=1e-12)
-    assert snapshot["stress_11"] + snapshot["stress_22"] == pytest.approx(
-        -2.0 * snapshot["pressure"], abs=5e-3)  # div v = 0 holds weakly
-
-
 @pytest.mark.parametrize("case", ["vertical_chute", "cell"])
 def test_gradients_are_periodic(tmp_path, case):
     """A velocity field that is shifted by one element has a shifted strain rate."""
-    flow = ("-pgran_case", case, "-pgran_width", 4, "-pgran_height", 4, "-pgran_element_size", 1)
-    options = (*CELL, 4, "-pgran_height", 40) if case == "cell" else flow
+    options = (*CELL, 4, "-pgran_height", 40) if case == "cell" else (
+        "-pgran_case", case, "-pgran_width", 4, "-pgran_height", 4, "-pgran_element_size", 1)
     shape = run(tmp_path / "flow.h5", *options, "-ts_type", "beuler", "-ts_max_steps", 1).x.shape
     axis = 0 if case == "vertical_chute" else 1
     velocity, found = np.random.default_rng(1).standard_normal(shape), []
@@ -128,10 +113,6 @@ def test_a_periodic_cell_has_the_strains_of_its_base_flow(tmp_path):
     for name, size in (("strain_rate_tensor", 1.0), ("strain_tensor", snapshot.time)):
         wanted = np.broadcast_to([size / 2.0, -size / 2.0, 0.0], snapshot[name].shape)
         np.testing.assert_allclose(snapshot[name], wanted, atol=1e-8 * size, rtol=1e-4)
-    older = without_strains(path)
-    older.keep({}, {"coordinates": np.zeros((2, 2)), "velocity": np.zeros((2, 2))})
-    with pytest.raises(ResultError, match="lacks the period of its grid"):
-        older["spin"]
 
 
 def test_pyvista_grids_have_biquadratic_elements(snapshot):
@@ -139,8 +120,6 @@ def test_pyvista_grids_have_biquadratic_elements(snapshot):
     assert set(grid.celltypes) == {28} and grid.n_cells == 4 * 12
     assert grid["velocity"].shape == (grid.n_points, 3)
     assert grid["pressure"] == pytest.approx(snapshot["pressure"].ravel())
-    area = grid.compute_cell_sizes(length=False, volume=False)["Area"].sum()
-    assert area == pytest.approx(8.0 * 24.0, rel=1e-3)  # deformation conserves the volume
     ring = q2_elements((5, 8), (True, False))
     assert len(ring) == 4 * 2 and set(ring.ravel()) == set(range(40))
 

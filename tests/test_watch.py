@@ -90,12 +90,9 @@ def test_the_monitor_shows_the_last_step(path, tmp_path, capsys):
     assert "-column nosuch" in capsys.readouterr().err
 
 
-def test_a_run_draws_pictures_of_its_steps(path):
+def test_a_run_draws_pictures_stores_its_end_and_prints_the_next_commands(path, tmp_path):
     names = sorted(picture.name for picture in path.parent.glob("*.png"))
     assert names == ["small_step0004.png", "small_step0008.png"]
-
-
-def test_a_run_stores_its_end_and_prints_the_next_commands(path, tmp_path):
     assert Result(path).attributes["state"] == "stopped"  # by -ts_max_steps
     output = tmp_path / "r.h5"
     text = run_pgran(0, "direct.opts", output, *SMALL[:4], "-pgran_compression", 1e-4).stdout

@@ -1,8 +1,7 @@
 """The paper's figures 1 to 9, and growth rates of a specimen, with the numbers behind them.
 
 The function of a figure returns a matplotlib figure, its numbers {name: array}, and a table of rows
-(text, value in the paper, computed value). Figures 1, 2, 8 and 9 show the linear theory, figures
-3 to 7 results of simulations.
+(text, value in the paper, computed value).
 """
 
 from pathlib import Path
@@ -331,8 +330,7 @@ THEORY = {"fig1": fig1, "fig2": fig2, "fig8": fig8, "fig9": fig9, "specimen": sp
 def draw(names, directory, results):
     """Draw figures to files NAME.png and NAME.h5 (the numbers) and print their tables.
 
-    ``directory`` is for these files, and ``results`` contains the runs of figures 3 to 7. Raises
-    ValueError if a name is unknown, or if all runs of a figure are missing.
+    ``results`` is the directory of the runs of figures 3 to 7.
     """
     directory, known = Path(directory), sorted({**THEORY, **RUNS})
     if unknown := set(names) - set(known):
@@ -348,8 +346,7 @@ def draw(names, directory, results):
         print(f"{directory / name}.png, {directory / name}.h5")
         print("\n| quantity | paper | computed |\n|---|---|---|")
         for text, stated, computed in table:
-            shown = f"{computed:.5g}" if isinstance(computed, float) else computed
             if isinstance(computed, (bool, np.bool_)):
-                shown = "yes" if computed else "no"
-            print("| " + " | ".join(str(cell).replace("|", "\\|")
-                                    for cell in (text, stated, shown)) + " |")
+                computed = "yes" if computed else "no"
+            shown = f"{computed:.5g}" if isinstance(computed, float) else computed
+            print(f"| {text} | {stated} | {shown} |".replace("|k|", r"\|k\|"))

@@ -1,8 +1,4 @@
-"""Pictures of results for publication, by matplotlib: fields, profiles, curves and movies.
-
-Fields are drawn on the deformed shape and interpolated between the Q2 nodes. The suffix of a file
-selects PNG, SVG or PDF.
-"""
+"""Pictures of results by matplotlib: fields on the deformed shape, profiles, curves and movies."""
 
 import os
 import shutil
@@ -281,8 +277,7 @@ def movie(result, name, style, target, rate=8):
         raise OptionError(f"-movie {target}: MP4 needs ffmpeg, which is not installed; use "
                           f"{target.with_suffix('.gif')}")
     if len(result.snapshots) < 2:
-        raise OptionError(f"-movie {target}: a movie needs at least 2 snapshots; {result.path} "
-                          f"holds {len(result.snapshots)}")
+        raise OptionError(f"-movie {target}: {result.path} holds fewer than 2 snapshots")
     style = with_limits(style, result, name)
     norm = scale([], style)
     tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.whole.x[..., 1]))
