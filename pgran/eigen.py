@@ -5,23 +5,20 @@
 Solves J x = -lambda M x about the reference flow of a case by shift-and-invert. J and M are the
 Jacobian and the mass matrix of the simulation, with inertia. With ``-pgran_case periodic`` the cell
 is one wavelength of ``-wave_vector`` in each direction, with ``-pgran_cell_elements`` elements; the
-eigenvalue of each harmonic is compared with the theory. For other cases, which have different
-boundary conditions, no theory is available.
+eigenvalue of each harmonic is compared with the theory.
 
     mpiexec -n 2 python -m pgran.eigen -pgran_restart NAME.h5 [-pgran_restart_snapshot n]
 
-computes the spectrum about a snapshot of a result of any case, on its mesh. The options of the
-result are the defaults. The flow must be steady with inertia: an annular shear cell requires
-``-pgran_inertia true``. If the mesh moves, a time step of size ``-dt`` is linearised
-(`pgran.growth`), which includes the mesh and the stress history.
+computes the spectrum about a snapshot of a result, on its mesh. The flow must be steady with
+inertia. If the mesh moves, a time step of size ``-dt`` is linearised (`pgran.growth`).
 
-Eigenvalues are in units of gdot0, largest real part first. Relative errors decrease with order 4
-over ``-refinement n,n,...``, and residuals are close to the rounding error. The fastest mode is
-written with a picture to ``-pgran_output``, by default NAME_mode.h5 or results/CASE_MODEL_mode.h5.
-``-eps_nev`` and other options of SLEPc apply.
+Eigenvalues are in units of gdot0, largest real part first. The fastest mode is written with a
+picture to ``-pgran_output``, by default NAME_mode.h5 or results/CASE_MODEL_mode.h5. ``-eps_nev``
+and other options of SLEPc apply.
 """
 
 import sys
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -52,10 +49,7 @@ def main(arguments):
 
 
 def complete(texts):
-    """Add the options of the result that is restarted, and the default file of the mode.
-
-    ``texts`` and the returned value are {name: text}.
-    """
+    """Add the options of the restarted result and the default file of the mode, {name: text}."""
     if texts.get("pgran_restart"):
         from .output.reader import begun_from
 
@@ -68,10 +62,10 @@ def complete(texts):
 
 
 def run(parameters, args, comm):
-    """Compute and print the spectrum; raises `OptionError`. Collective."""
+    """Compute and print the spectrum. Collective."""
     from .solve import linearised, spectrum
 
-    say = print if comm.rank == 0 else (lambda *_, **__: None)
+    say = print if comm.rank == 0 else (lambda text: None)
     case = parameters.part("case")
     moving = bool(parameters.restart) and case.moving
     waves = not parameters.restart and case.with_wave(parameters, np.ones(2)) is not None
@@ -110,10 +104,10 @@ def run(parameters, args, comm):
         say("  residual of the snapshot as a steady flow with inertia: "
             f"{spectrum.unsteadiness(form):.1e} {form.case.stress_unit} d")
     table(rows, say)
-    if args.refinement and waves:
-        refinement(parameters, args, k, comm, say)
-    elif args.refinement:
+    if args.refinement and not waves:
         say(f"  no refinement: no theory is available for {parameters.case}")
+    elif args.refinement:
+        refinement(parameters, args, k, comm, say)
 
 
 def table(rows, say):
@@ -130,7 +124,7 @@ def table(rows, say):
 
 
 def refinement(parameters, args, k, comm, say):
-    """Print errors of the fastest mode and their observed orders over meshes."""
+    """Print errors of the fastest mode and their observed orders over meshes. Collective."""
     from .solve import spectrum
 
     previous = None
@@ -148,8 +142,7 @@ def refinement(parameters, args, k, comm, say):
 def sweep(parameters, args, comm, say):
     """Compare m x m wave vectors of the first quadrant with the theory; write a CSV. Collective.
 
-    Each row is the eigenvalue of harmonic (1, +-1) of a cell; of several modes with this harmonic,
-    the one with the largest share. Rows are written immediately.
+    Each row is the eigenvalue of harmonic (1, +-1) of a cell with the largest share.
     """
     from .output.files import Disk, make_parents
     from .solve import spectrum
@@ -159,11 +152,13 @@ def sweep(parameters, args, comm, say):
     ticks = args.sweep_end * (np.arange(args.sweep) + 0.5) / args.sweep
     errors = []
 
-    def begin():
+    def write(text, mode="a"):
         make_parents(path)
-        path.write_text(",".join(columns) + "\n")
+        with open(path, mode) as file:
+            file.write(text)
 
-    Disk(comm.tompi4py(), "output", parameters.output).do(begin)
+    disk = Disk(comm.tompi4py(), "output", parameters.output)
+    disk.do(lambda: write(",".join(columns) + "\n", "w"))
     for k in product(ticks, ticks):
         rate = float(spectrum.theory(parameters, np.array(k)))
         _, rows, _ = spectrum.spectrum(parameters, comm, k, [rate + 1e-3 * abs(rate)])
@@ -173,10 +168,8 @@ def sweep(parameters, args, comm, say):
             say(f"  {k[0]:.4f},{k[1]:.4f}: no eigenvalue of this wave vector converged")
             continue
         errors.append(row["relative_error"])
-        if comm.rank == 0:
-            with open(path, "a") as file:
-                values = (*k, *(row[key] for key in columns[2:]))
-                file.write(",".join(repr(float(value)) for value in values) + "\n")
+        values = *k, *(row[key] for key in columns[2:])
+        disk.do(partial(write, ",".join(repr(float(value)) for value in values) + "\n"))
     say(f"  {len(errors)} wave vectors of {args.sweep**2}, largest relative error "
         f"{max(errors, default=0.0):.2e}: {path}")
 

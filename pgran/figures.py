@@ -3,7 +3,7 @@
 Writes figN.png and its numbers figN.h5, and prints each number of the paper's text with the
 computed one. Figure 1 shows computed spectra if results/spectra_ngf.csv and spectra_li.csv exist
 (bash jobs/study.sh spectra). Figures 3 to 7 need the runs of bash jobs/study.sh section4.
-``specimen`` is not in the paper: it shows growth rates of a specimen between slipping plates.
+``specimen`` shows growth rates of a specimen between slipping plates.
 """
 
 import sys

@@ -5,10 +5,9 @@
 
 A time step maps the mesh, the stress and the unknowns at one time to the next. Its linearisation
 about the reference flow has eigenvalues m, found by SLEPc, and growth rates log(m)/dt, in units of
-gdot0, which converge as dt goes to zero. With several steps, the fastest growth rate is
-extrapolated to dt = 0. Each eigenvalue is printed with the residual of its eigenpair. For a
-specimen between slipping plates, the analytical growth rate (`pgran.theory.specimen`) and the rate
-of the creep-buckling column are printed for comparison.
+gdot0. With several steps, the fastest growth rate is extrapolated to dt = 0. Each eigenvalue is
+printed with the residual of its eigenpair. For a specimen between slipping plates, the analytical
+growth rate and the rate of the creep-buckling column are printed too.
 """
 
 import sys
@@ -30,7 +29,7 @@ def main(arguments):
 
 
 def run(parameters, args, comm):
-    """Compute and print growth rates; raises `OptionError`. Collective."""
+    """Compute and print growth rates. Collective."""
     from .solve import linearised, spectrum
     from .space.weakform import discretise
 
@@ -51,12 +50,12 @@ def run(parameters, args, comm):
         rows.append({"dt": dt, "growth_rates": [[rate.real, rate.imag] for rate, _, _ in modes],
                      "residuals": [residual for _, residual, _ in modes]})
     report_unused(comm)
-    files = ()
+    files = ""
     if modes and args.mode:
         rate, _, mode = modes[0]
         writer, field = linearised.write_mode(args.mode, form, rate.real, mode, ("mode", ""))
-        files = (writer.path, writer.path.with_suffix(".xdmf"),
-                 spectrum.draw_mode(writer, field, f"{field} of the fastest mode"))
+        picture = spectrum.draw_mode(writer, field, f"{field} of the fastest mode")
+        files = f"  mode: {writer.path}, {writer.path.with_suffix('.xdmf')}, {picture}"
     if comm.rank:
         return
     if args.json:
@@ -78,7 +77,7 @@ def run(parameters, args, comm):
         print(f"  analytical, rigid-viscous, sway with one half wave: {exact.real:.6g}\n"
               f"  creep-buckling column: {column:.4g}")
     if files:
-        print("  mode: " + ", ".join(map(str, files)))
+        print(files)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,8 @@
 """Measure shear bands: python -m pgran.measure NAME.h5 ... [-json]
 
 For each snapshot it prints the range of I, whether flow is localised, and the angle of each band
-with the x1 axis and its width (full width at half maximum of I, normal to the band, averaged along
-it), or why there is no band. The method is described in `pgran.output.band`.
-
-``python -m pgran.measure -meshes COARSE.h5 FINE.h5 ...`` compares the last snapshots of runs that
-differ only by meshes, at common material points. Each mesh must divide the previous elements.
+with the x1 axis and its full width at half maximum of I, or why there is no band. -meshes compares
+the last snapshots of runs that differ only by meshes; each mesh must divide the previous elements.
 """
 
 import sys
@@ -25,8 +22,9 @@ OPTIONS = command_option("meshes", "flag", "compare runs on successive meshes", 
 
 def check_same_problem(results):
     """Raise `OptionError` unless the last snapshots of results differ only by their meshes."""
-    first, *others = [problem(result) for result in results]
-    for result, other in zip(results[1:], others):
+    first = problem(results[0])
+    for result in results[1:]:
+        other = problem(result)
         differing = [f"{name} ({plain(value)} and {plain(other[name])})"
                      for name, value in first.items()
                      if None not in (value, other.get(name)) and value != other[name]]

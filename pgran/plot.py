@@ -44,33 +44,29 @@ __doc__ += "\n"
 
 def run(args, paths):
     """Draw the files and print the names of the pictures."""
+    from .output import pictures
+
     if args.line and args.line[:2] == args.line[2:]:
         raise OptionError("-line {:g},{:g},{:g},{:g}: the two points must differ".format(
             *args.line))
     if args.limits and not args.limits[0] < args.limits[1]:
         raise OptionError("-limits {:g},{:g}: the first number must be < the second".format(
             *args.limits))
-    print("\n".join(map(str, drawn(args, paths))))
-
-
-def drawn(args, paths):
-    """Draw what the options request; return the paths of the pictures."""
-    from .output import pictures
-
     style = pictures.Style(args.limits, args.log, args.mesh, args.arrows, args.band,
                            not args.no_outline)
     suffix, one = f".{args.format}", -1 if args.snapshot is None else args.snapshot
     results = [Result(path) for path in paths]
 
     def save(figure, words):
-        written.append(Path(args.output or f"{Path(paths[0]).with_suffix('')}_{words}{suffix}"))
-        figure.savefig(written[-1])
+        path = Path(args.output or f"{Path(paths[0]).with_suffix('')}_{words}{suffix}")
+        figure.savefig(path)
+        print(path)
 
-    written, names = [], args.field.split(",")
     if args.history:
         names = args.history.split(",")
         save(pictures.curves(results, names), "_".join(names))
-        return written
+        return
+    names = args.field.split(",")
     for name in names:
         for result in results:
             pictures.check_field(result, name)
@@ -80,7 +76,7 @@ def drawn(args, paths):
             pictures.window(snapshot, name)
         elif args.movie:
             pictures.movie(results[0], name, style, args.movie)
-            written.append(args.movie)
+            print(args.movie)
         elif args.line:
             save(pictures.profiles(results, name, args.line, one), f"{name}_line")
         elif args.together:
@@ -89,8 +85,7 @@ def drawn(args, paths):
             save(pictures.panels(chosen, name, style), name)
         else:
             for path in paths:
-                written += pictures.pictures(path, name, style, suffix, args.snapshot)
-    return written
+                print(*pictures.pictures(path, name, style, suffix, args.snapshot), sep="\n")
 
 
 def main(arguments):

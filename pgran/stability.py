@@ -5,19 +5,11 @@
     python -m pgran.stability -posedness [-json]
     python -m pgran.stability -specimen [-half_waves n] [-parity sway|barrel] [-json]
 
--wave_vector: growth rate of a plane wave in an infinite medium. -cutoff: cut-off, fastest-growing
-wave vector, unstable directions and critical inertial numbers. -posedness: inertial numbers at
-which the local rheology LI is ill-posed. -specimen: growth rate of a specimen between slipping
-plates. Wave vectors A d k and growth rates are dimensionless as in the paper; names that end in
-_gdot0 are in units of gdot0.
-
-With -wave_vector, -convection includes the terms of (A 7): `growth_rate` is then the largest real
-part of the eigenvalues of A_ik, as in the paper, and `growth_rate_incompressible` the same for A_ik
-restricted to v.k = 0. -amplification follows the wave vector, which the flow turns, until the time
--end, and prints the largest ln(|v|/|v0|), its time, and the final value.
-
-For -pgran_model ngf_primitive the growth rates and the fastest wave vector depend on the relaxation
-time t0, and -convection and -amplification are not available.
+Wave vectors A d k and growth rates are dimensionless as in the paper; names that end in _gdot0 are
+in units of gdot0. With -convection, `growth_rate` is the largest real part of the eigenvalues of
+A_ik, as in the paper, and `growth_rate_incompressible` the same for A_ik restricted to v.k = 0.
+-amplification follows the wave vector, which the flow turns, until the time -end, and prints the
+largest ln(|v|/|v0|), its time, and the final value. Neither is available for ngf_primitive.
 """
 
 import sys
@@ -32,9 +24,9 @@ from .theory.waves import BASE_FLOWS, Coefficients
 OPTIONS = (
     command_option("wave_vector", "floats", "wave vector A d k (IG: sqrt(nu_I) d k), 2 or 3 "
                    "numbers"),
-    command_option("cutoff", "flag", "compute the cut-off and the fastest wave vector", False),
-    command_option("posedness", "flag", "compute where LI is ill-posed in plane flow: C(I) > 0",
-                   False),
+    command_option("cutoff", "flag", "cut-off, fastest wave vector, unstable directions and "
+                   "critical inertial numbers", False),
+    command_option("posedness", "flag", "inertial numbers where LI is ill-posed: C(I) > 0", False),
     command_option("specimen", "flag", "growth rate of a specimen between slipping plates", False),
     command_option("base_flow", "str", "velocity gradient: pure_shear, simple_shear, or L0 as 4 "
                    "or 9 numbers, row by row", "pure_shear"),
@@ -57,23 +49,18 @@ def read_base_flow(text):
     if text in BASE_FLOWS:
         return BASE_FLOWS[text]
     try:
-        numbers = np.array([float(part) for part in text.split(",")])
+        numbers = np.array(text.split(","), dtype=float)
+        gradient = numbers.reshape((2, 2) if numbers.size == 4 else (3, 3))
     except ValueError:
-        numbers = np.empty(0)
-    if numbers.size not in (4, 9) or not np.isfinite(numbers).all():
         raise OptionError(f"-base_flow {text}: expected one of: {', '.join(BASE_FLOWS)}, or 4 or 9 "
-                          "numbers")
-    gradient = numbers.reshape((2, 2) if numbers.size == 4 else (3, 3))
+                          "numbers") from None
     waves.flow_direction(gradient)  # raises ValueError unless it is a base flow
     D = (gradient + gradient.T) / 2.0
     return gradient / (waves.ROOT_2 * np.sqrt((D * D).sum()))
 
 
 def analyse(parameters, args):
-    """Return the results that a command line requests as a dictionary.
-
-    Raises `OptionError`, or ValueError if the theory does not apply.
-    """
+    """Return the results that a command line requests as a dictionary."""
     requested = [name for name in ("wave_vector", "cutoff", "posedness", "specimen")
                  if getattr(args, name)]
     if len(requested) != 1:
@@ -124,25 +111,24 @@ def specimen_growth(parameters, args):
                           f"-pgran_case {parameters.case} with these options")
     rate = complex(specimen.growth_rate(**arguments, half_waves=args.half_waves,
                                         parity=args.parity))
-    found = {"width": arguments["width"], "height": arguments["height"],
-             "half_waves": args.half_waves, "parity": args.parity, "growth_rate_gdot0": rate.real}
-    return {**found, "frequency_gdot0": rate.imag} if rate.imag else found
+    return {"width": arguments["width"], "height": arguments["height"],
+            "half_waves": args.half_waves, "parity": args.parity, "growth_rate_gdot0": rate.real,
+            **({"frequency_gdot0": rate.imag} if rate.imag else {})}
 
 
 def extremes(law, coefficients, N, rate, A):
     """Return cut-off, fastest wave vector, unstable directions and critical inertial numbers."""
     k_cut = float(waves.cutoff(coefficients, N))
-    k, value, m = (float(part) for part in waves.fastest(coefficients, N))
-    angles = sorted(float(waves.direction_angle(direction, N))
+    k, value, m = waves.fastest(coefficients, N)
+    angles = sorted(waves.direction_angle(direction, N)
                     for direction in waves.unstable_directions(coefficients, N))
-    directions = waves.directions(m, N).tolist() if np.isfinite(m) else []
     return {"k_cut": _number(k_cut),
             "cutoff_wavelength": _number(2.0 * np.pi * A / k_cut if k_cut else np.inf),
             "fastest_growth_rate": _number(value),
             "fastest_growth_rate_gdot0": _number(value * rate),
             "fastest_wave_number": _number(k),
             "fastest_angle": _number(waves.direction_angle(m, N)),
-            "fastest_directions": directions,
+            "fastest_directions": waves.directions(m, N).tolist() if np.isfinite(m) else [],
             "unstable_angles": [_number(angle) for angle in angles],
             "critical_inertial_numbers": waves.critical_inertial_numbers(law, N=N).tolist()}
 
@@ -154,20 +140,21 @@ def wave(N, coefficients, gradient, rate, args):
         raise OptionError(f"-wave_vector {text}: must be {len(N)} numbers")
     if not k.any():
         raise OptionError(f"-wave_vector {text}: must not be zero")
-    value = waves.growth_rates(k, N, coefficients)[0].real
     found = {"wave_vector": k.tolist(), "convection": args.convection,
              "denominator": float(waves.tensor(k, N, *coefficients.r_q(k @ k))[1])}
-    flow = k, N, coefficients, gradient, 1.0 / rate
     if args.convection:
         value, reduced = (function(k, N, coefficients, 1.0 / rate, gradient)[0].real for function
                           in (waves.tensor_growth_rates, waves.growth_rates))
         found["growth_rate_incompressible"] = _number(reduced)
+    else:
+        value = waves.growth_rates(k, N, coefficients)[0].real
     found["growth_rate"] = _number(value)
     if coefficients.model != "ig":
         found["growth_rate_gdot0"] = _number(value * rate)
     if args.amplification:
-        largest, time = turning.largest_amplification(*flow, args.end * rate)
-        _, _, logarithms = turning.amplitude(*flow, args.end * rate)
+        flow = k, N, coefficients, gradient, 1.0 / rate, args.end * rate
+        largest, time = turning.largest_amplification(*flow)
+        _, _, logarithms = turning.amplitude(*flow)
         found.update(end=args.end, largest_log_amplification=largest,
                      largest_amplification_time=time / rate,
                      final_log_amplification=float(logarithms[-1]))

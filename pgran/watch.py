@@ -1,9 +1,7 @@
 """Monitor a run from another terminal: python -m pgran.watch NAME.h5 [-every 5] [-once]
 
 Shows the progress, the estimated remaining time, the last step, and a curve of the history, until
-the run is complete, stopped, failed or killed. A killed run is detected on the machine of rank 0;
-on another machine a run counts as ended if its file has not changed for ``-silence`` seconds.
-Ctrl-C ends the monitor, not the run.
+the run is complete, stopped, failed or killed. Ctrl-C ends the monitor, not the run.
 """
 
 import os
@@ -29,11 +27,10 @@ OPTIONS = (
 def curve(x, y, size=(64, 12)):
     """Return a curve through points (n,) as lines of text of a size in characters, with scales."""
     def scaled(values, count):
-        low, span = values.min(), np.ptp(values)
-        return np.rint((values - low) / (span or 1.0) * (count - 1)).astype(int)
+        span = np.ptp(values) or 1.0
+        return np.rint((values - values.min()) / span * (count - 1)).astype(int)
 
     wide, high = size
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     characters = np.full((high, wide), " ")
     characters[high - 1 - scaled(y, high), scaled(x, wide)] = "*"
     marks = [f"{y.max():.3g}", *[""] * (high - 2), f"{y.min():.3g}"]
@@ -43,11 +40,7 @@ def curve(x, y, size=(64, 12)):
 
 
 def ending(result, silence):
-    """Return how the run of a `Result` ended as text, or None while it runs.
-
-    ``silence`` is the time, s, without a change of the file after which a run on another machine
-    counts as ended.
-    """
+    """Return how the run of a `Result` ended as text, or None while it runs."""
     attributes = result.attributes
     if result.complete:
         seconds = attributes.get("seconds")
@@ -64,7 +57,7 @@ def ending(result, silence):
 
 
 def look(path, column, silence):
-    """Return the state of a run as lines of text, and whether it has ended; see `ending`."""
+    """Return the state of a run as lines of text, and whether it has ended."""
     result = Result(path)
     history, case, steps = result.history, result.case, len(result.history["time"])
     lines = [f"{path}: {result.parameters.case}, {result.parameters.model}, "

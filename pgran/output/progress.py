@@ -2,8 +2,7 @@
 
 import numpy as np
 
-#: Time steps grow as this power of the progress. Over the runs of figure 6, an inclined plane and a
-#: chute, the estimate is then 0.6 to 1.95 of the true value after the first tenth.
+#: Time steps grow as this power of the progress.
 GROWTH = 0.45
 #: No estimate is shown before this progress.
 EARLY = 0.04
@@ -14,17 +13,9 @@ NEWTON = 12.0
 def left(done, spent):
     """Return the remaining cost of a run, in the unit of ``spent``, or None if it is unknown.
 
-    Steps grow during a run, so the rate of progress is assumed to be proportional to s^q with
-    q = `GROWTH`. If the last half of the steps, from s0 to s, has cost w, the rest costs
-    (s^(q - 1) - 1)/(1 - q) s/(s - s0) w. Before the material yields the estimate can be five times
-    too small.
-
-    Parameters
-    ----------
-    done : sequence of float
-        Progress after each step, 0 to 1.
-    spent : sequence of float
-        Cost until then, such as seconds.
+    ``done`` is the progress after each step, 0 to 1, and ``spent`` the cost until then. Steps grow,
+    so the rate of progress is assumed to be proportional to s^q with q = `GROWTH`. If the last half
+    of the steps, from s0 to s, has cost w, the rest costs (s^(q - 1) - 1)/(1 - q) s/(s - s0) w.
     """
     half = (len(done) - 1) // 2
     if len(done) < 3 or not done[half] < done[-1]:
@@ -40,7 +31,7 @@ def work(history):
 
 
 def step_text(number, row):
-    """Return a step with the number ``number`` and the row ``row`` of the history as text."""
+    """Return a step with a row of the history as text."""
     return (f"step {number:4d}  dt {row['step_size']:.2e}  "
             f"Newton {row['newton_iterations']:2d}  linear {row['linear_iterations']:4d}  "
             f"I {row['inertial_number_min']:.2e} to {row['inertial_number_max']:.2e}")
@@ -48,7 +39,8 @@ def step_text(number, row):
 
 def words(seconds):
     """Return a duration as text."""
-    for unit, size, limit in (("s", 1.0, 100.0), ("min", 60.0, 6000.0)):
-        if seconds < limit:
-            return f"{seconds / size:.0f} {unit}"
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    if seconds < 6000.0:
+        return f"{seconds / 60.0:.0f} min"
     return f"{seconds / 3600.0:.1f} h"

@@ -14,12 +14,7 @@ from . import progress
 class Terminal:
     """Prints the problem and the solver, the progress of a run, and where the results are.
 
-    Parameters
-    ----------
-    comm : PETSc.Comm
-    detail : str
-        steps (one line per step), brief (one line per 2 % of the run or 30 s, for log files) or
-        quiet.
+    ``detail`` is steps, brief (one line per 2 % of the run or 30 s) or quiet.
     """
 
     def __init__(self, comm, detail):
@@ -50,11 +45,7 @@ class Terminal:
             f"PC {pc.getType()}{solver}")
 
     def step(self, number, done, text, report):
-        """Report an accepted step.
-
-        ``done`` is the progress, 0 to 1, ``text`` its label, and ``report`` contains a value for
-        each column of the history.
-        """
+        """Report a step: its number, the progress (0 to 1), its label, and the history row."""
         now, mark = time.monotonic(), int(50 * done)
         self._done.append(done)
         self._spent.append(now - self.start)
@@ -66,12 +57,10 @@ class Terminal:
         self.say(f"  {text}  {progress.step_text(number, report)}{left}")
 
     def closing(self, writer, cost, further):
-        """Print the cost of the run, where the results are, and useful next commands.
-
-        ``cost`` is the dictionary of `pgran.solve.driver.Driver.cost` with seconds and memory;
-        ``further`` is a module to run next, with its options.
-        """
-        path, python = writer.path, interpreter()
+        """Print the cost of the run, where the results are, and useful next commands."""
+        path, python = writer.path, sys.executable
+        if os.path.dirname(shutil.which("python") or "") == os.path.dirname(python):
+            python = "python"
         self.say(f"  {cost['steps']} steps ({cost['steps_repeated']} repeated smaller), "
                  f"{cost['newton_iterations']} Newton and {cost['linear_iterations']} linear "
                  f"iterations, {cost['seconds']:.1f} s, {cost['memory']:.0f} MB\n"
@@ -79,13 +68,3 @@ class Terminal:
                  f"  next: {python} -m pgran.plot {path}\n"
                  f"        {python} -m {further} {path}\n"
                  f"        {python} -c 'import pgran; print(pgran.open(\"{path}\").history)'")
-
-
-def interpreter():
-    """Return the command that starts this Python from the current directory."""
-    found = shutil.which("python")
-    if found and os.path.realpath(found) == os.path.realpath(sys.executable) \
-            and os.path.dirname(found) == os.path.dirname(sys.executable):
-        return "python"
-    path = os.path.relpath(sys.executable)
-    return sys.executable if path.startswith("..") else path
