@@ -87,7 +87,7 @@ def test_jacobian_is_the_derivative_of_the_residual(case, model, law, regime, th
     step = at_rest(form, x, theta, 0.1, form.no_stress() + 0.02)
     step.prescribed = REGIMES[regime][0] * step.prescribed
     step.prescribed_rate = np.where(np.isnan(step.prescribed), np.nan, 0.3)
-    ratio = form.stress_ratio(local, step)
+    ratio = form.collect(local, step, lambda p: p.response.stress_ratio)
     below = COMM.allreduce(ratio.min(), MPI.MIN) < form.material.law.yield_ratio
     above = COMM.allreduce(ratio.max(), MPI.MAX) > form.material.law.yield_ratio
     # The base flow of the cell always flows, LI cannot rest without elasticity, and the law of

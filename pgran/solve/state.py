@@ -91,7 +91,7 @@ class State:
         """Return velocity, pressure, perhaps fluidity, and deviator at nodes, {name: (..., n)}."""
         velocity, fluidity, pressure = form.grid.split(self.local)
         fields = {"velocity": velocity, "pressure": form.grid.corner_field(pressure),
-                  "deviator": np.array([form.grid.at_nodes(part) for part in self.stress])}
+                  "deviator": form.grid.at_nodes(self.stress)}
         return fields if fluidity is None else {**fields, "fluidity": fluidity}
 
     # Checkpoints, for any number of ranks

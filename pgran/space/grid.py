@@ -42,7 +42,7 @@ class Lattice:
         for part, wrap in zip(parts, periodic):
             ranges.append(per_element * np.asarray(part, dtype=PETSc.IntType))
             ranges[-1][-1] += not wrap
-        self.per_element = per_element
+        self.per_element, self.dof = per_element, dof
         self.shape = tuple(per_element * n + (not wrap) for n, wrap in zip(shape, periodic))
         self.dm = PETSc.DMDA().create(
             dim=2, dof=dof, sizes=self.shape, proc_sizes=[len(part) for part in parts],
@@ -285,10 +285,12 @@ class Grid:
         return np.bincount(self.element_nodes.ravel(), values.ravel(), minlength=self.nodes.size)
 
     def at_nodes(self, values):
-        """Return nodal values (n_nodes,) of a field at the Gauss points, (points, n).
+        """Return nodal values (..., n_nodes) of fields at the Gauss points, (..., points, n).
 
         The biquadratics of the elements are averaged at each node; complete at owned nodes.
         """
+        if values.ndim > 2:
+            return np.array([self.at_nodes(part) for part in values])
         total = self.sum_at_nodes(GAUSS_TO_NODES @ values)
         return total / np.maximum(self.sum_at_nodes(np.ones_like(values)), 1.0)
 

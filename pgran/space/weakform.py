@@ -25,7 +25,7 @@ from ..options import ParameterError
 from . import element
 from .element import DIM, NODES, POINTS
 from .grid import Grid
-from .matrix import Block, DofLayout, Field, InPlaceMatrix, ScatterAdd, Unknowns, fill
+from .matrix import Field, InPlaceMatrix, ScatterAdd, Unknowns, fill
 from .points import BatchPoints, SurfacePoints, WallPoints
 
 BATCH = 512
@@ -36,10 +36,7 @@ LEAST_BYTES = 1000
 def discretise(parameters, comm):
     """Return the `WeakForm` of resolved parameters on the ranks of ``comm``. Collective.
 
-    Raises
-    ------
-    ParameterError
-        If the parameters are inconsistent.
+    Raises `ParameterError` if the parameters are inconsistent.
     """
     model, law = parameters.part("model"), parameters.part("law")
     if not model.solved:
@@ -56,18 +53,18 @@ def discretise(parameters, comm):
 
 def _check_size(parameters, case, comm):
     """Refuse a grid that PETSc cannot number or this machine cannot hold."""
-    (nx, ny), unknowns = case.shape, case.unknowns
-    text = f"its {nx} x {ny} elements make {unknowns:.3g} unknowns"
-    if unknowns > np.iinfo(PETSc.IntType).max:
-        raise ParameterError("case", parameters.case, f"{text}, more than the indices of this "
-                             "PETSc can count; larger elements, or a PETSc configured "
-                             "--with-64-bit-indices")
+    (nx, ny), unknowns, problem = case.shape, case.unknowns, ""
     needed = LEAST_BYTES * unknowns / comm.size
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if needed > memory:
-        raise ParameterError("case", parameters.case, f"{text}, which need at least "
-                             f"{needed / 2**30:.3g} GB per rank, and this machine has "
-                             f"{memory / 2**30:.3g} GB; larger elements, or more machines")
+    if unknowns > np.iinfo(PETSc.IntType).max:
+        problem = ("more than the indices of this PETSc can count; larger elements, or a PETSc "
+                   "configured --with-64-bit-indices")
+    elif needed > memory:
+        problem = (f"which need at least {needed / 2**30:.3g} GB per rank, and this machine has "
+                   f"{memory / 2**30:.3g} GB; larger elements, or more machines")
+    if problem:
+        raise ParameterError("case", parameters.case, f"its {nx} x {ny} elements make "
+                             f"{unknowns:.3g} unknowns, {problem}")
 
 
 def _batches(grid):
@@ -123,14 +120,11 @@ class WeakForm:
 
     def __init__(self, grid, case):
         self.grid, self.case, self.material = grid, case, case.material
-        model = self.material.model
         density = self.material.bulk_density if case.parameters.inertia else 0.0
-        self.storage = {"velocity": density, "fluidity": 0.0, **model.storage}
+        self.storage = {"velocity": density, "fluidity": 0.0, **self.material.model.storage}
         self.convective = bool(density) and not case.moving
         self.batches = _batches(grid)
         self._yield_factor = case.yield_factor(grid.element_i, grid.element_j)
-        self._weak = grid.comm.tompi4py().allreduce(
-            bool((self._yield_factor != 1.0).any()), MPI.LOR)
         self.laws = [self._law_of(batch) for batch in self.batches]
         self._walls = [self._walls_of(batch) for batch in self.batches]
         self._surfaces = [self._surfaces_of(batch) for batch in self.batches]
@@ -139,50 +133,38 @@ class WeakForm:
 
     def _law_of(self, elements):
         """The law with the yield values of a slice or of the numbers of local elements."""
-        law = self.material.law
-        return law.weakened(self._yield_factor[elements]) if self._weak else law
+        law, factor = self.material.law, self._yield_factor[elements]
+        return law.weakened(factor) if (factor != 1.0).any() else law
+
+    def _with_laws(self, batch, found):
+        """(rule, positions (m,), law) for each (rule, bool array of a batch's elements)."""
+        found = [(rule, np.flatnonzero(chosen)) for rule, chosen in found if chosen.any()]
+        return [(rule, chosen, self._law_of(batch.start + chosen)) for rule, chosen in found]
 
     def _walls_of(self, batch):
-        """The walls with g = g_loc in a batch: (side, positions (m,) of elements, their law)."""
-        if not self.grid.has_fluidity:
-            return []
-        walls = []
-        for side in self.case.walls_of_local_fluidity:
-            elements = self.grid.side_elements(side)
-            chosen = elements[(batch.start <= elements) & (elements < batch.stop)] - batch.start
-            if chosen.size:
-                walls.append((side, chosen, self._law_of(batch.start + chosen)))
-        return walls
+        """The elements of a batch at walls with g = g_loc: (side, positions (m,), law)."""
+        sides = self.case.walls_of_local_fluidity if self.grid.has_fluidity else ()
+        return self._with_laws(batch, [(side, self.grid.layer(side)[batch] == 0)
+                                       for side in sides])
 
     def _surfaces_of(self, batch):
         """The elements of a batch at free surfaces: (closest rule, positions (m,), law)."""
-        sides = self.case.free_surfaces
-        if not (self.grid.has_fluidity and sides):
-            return []
+        sides = self.case.free_surfaces if self.grid.has_fluidity else ()
         layers = np.array([self.grid.layer(side)[batch] for side in sides])
-        surfaces = []
-        for number, side in enumerate(sides):
-            closest = layers.argmin(axis=0) == number
-            for layer, rule in enumerate(element.SURFACES[side]):
-                chosen = np.flatnonzero(closest & (layers[number] == layer))
-                if chosen.size:
-                    surfaces.append((rule, chosen, self._law_of(batch.start + chosen)))
-        return surfaces
+        return self._with_laws(batch, [
+            (rule, (layers.argmin(axis=0) == number) & (layers[number] == layer))
+            for number, side in enumerate(sides)
+            for layer, rule in enumerate(element.SURFACES[side])])
 
     def _source_weight(self, weight, number):
         """The Gauss weights (points, n) of the fluidity source, zero where another rule applies."""
-        if not self._surfaces[number]:
-            return weight
         weight = weight.copy()
         for _, chosen, _ in self._surfaces[number]:
             weight[:, chosen] = 0.0
         return weight
 
     def increment(self, x, stress, theta, time, rate_from=None):
-        """Return the `Increment` that ends at a time.
-
-        Prescribed rates are differences from the time ``rate_from``, and zero without it.
-        """
+        """Return the `Increment` to a time, with prescribed rates since the time ``rate_from``."""
         values = self.prescribed(time)
         rates = np.zeros_like(values)
         if rate_from is not None and time > rate_from:
@@ -226,19 +208,11 @@ class WeakForm:
         """Return I of the plastic rate at the Gauss points, (points, n)."""
         return self.collect(local, increment, lambda p: p.response.inertial_number)
 
-    def pressure(self, local, increment):
-        """Return P at the Gauss points, (points, n), stress."""
-        return self.collect(local, increment, lambda p: p.P)
-
-    def stress_ratio(self, local, increment):
-        """Return mu = tau/P at the Gauss points, (points, n)."""
-        return self.collect(local, increment, lambda p: p.response.stress_ratio)
-
     def spurious_root(self, local, increment):
-        """Return the largest mu_loc(I) - mu_s at a spurious root of F, or 0. Collective.
+        """Return the largest `Model.spurious_root` over elements, or 0. Collective.
 
-        An element is at this root if all its Gauss points are, see `Model.spurious_root`. With the
-        result as ``increment.decay`` the root is absent.
+        The value of an element is the minimum over its Gauss points. With the result as
+        ``increment.decay`` the root is absent.
         """
         if not self.grid.has_fluidity:
             return 0.0
@@ -283,7 +257,7 @@ class WeakForm:
         return total
 
     def _element_forces(self, local, rate, increment, number, out):
-        """Put the forces of the elements of a batch into ``out``, (rows, n)."""
+        """Put the forces of a batch into ``out``, (rows, n)."""
         p, blocks = BatchPoints(self, local, increment, number), self.grid.blocks
         unknowns = self.grid.element_unknowns[:, self.batches[number]]
         s11, s22, s12 = p.deviator()
@@ -330,7 +304,7 @@ class WeakForm:
     def _lay_out_entries(self):
         """Number the entries of the element matrices, block by block, and find the force sums."""
         grid, count = self.grid, 0
-        self._rows, self._matrices, self._mass = {}, {}, None
+        self._rows, self._matrices = {}, {}
         flow = [(row, column) for row in grid.fields for column in grid.fields]
         self._couplings = flow, [(row, "P") for row in grid.fields], [
             ("P", column) for column in grid.velocities]
@@ -346,26 +320,25 @@ class WeakForm:
                                      for part in (slice(0, flow), slice(flow, None))])
 
     def _group(self, pairs, pressure):
-        """The `Block` of each pair of names; ``pressure`` is the part of the corners."""
+        """The two `Field` of each pair of names; ``pressure`` is the lattice of the corners."""
         grid = self.grid
         fields = {name: Field(0, number, grid.element_nodes)
                   for number, name in enumerate(grid.fields)}
         fields["P"] = Field(pressure, 0, grid.element_corners)
-        return [Block(fields[row], fields[column]) for row, column in pairs]
+        return [(fields[row], fields[column]) for row, column in pairs]
 
     def _unknowns(self):
         """The `Unknowns` at the nodes and at the corners."""
-        grid, held = self.grid, np.split(self.held, [self.grid.n_flow])
-        return [Unknowns([DofLayout(lattice, dof)], lattice.dm.getLGMap().indices, part)
-                for lattice, dof, part in zip((grid.nodes, grid.corners), (grid.dof, 1), held)]
+        held = np.split(self.held, [self.grid.n_flow])
+        return [Unknowns([lattice], lattice.dm.getLGMap().indices, part)
+                for lattice, part in zip((self.grid.nodes, self.grid.corners), held)]
 
     def _element_matrices(self, kind):
         """The `InPlaceMatrix` of each block of a Jacobian, [[...], ...]. Collective."""
         if kind not in self._matrices:
             grid, (flow, right, below) = self.grid, self._couplings
             if kind == "aij":
-                parts = Unknowns([DofLayout(grid.nodes, grid.dof), DofLayout(grid.corners, 1)],
-                                 grid.global_number, self.held)
+                parts = Unknowns([grid.nodes, grid.corners], grid.global_number, self.held)
                 groups = [self._group(pairs, 1) for pairs in (flow + right, below)]
                 self._matrices[kind] = [[InPlaceMatrix(grid, parts, parts, groups, self.batches)]]
             else:
@@ -395,17 +368,15 @@ class WeakForm:
 
     def create_pressure_mass(self):
         """Return an empty matrix for `pressure_mass`. Collective."""
-        if self._mass is None:
-            corners = self._unknowns()[1]
-            self._mass = InPlaceMatrix(
-                self.grid, corners, corners, [self._group([("P", "P")], 0)], self.batches)
+        corners = self._unknowns()[1]
+        self._mass = InPlaceMatrix(
+            self.grid, corners, corners, [self._group([("P", "P")], 0)], self.batches)
         return self._mass.create()
 
     def fluidity_defect(self, rows, increment):
         """Return the residual of the fluidity equation at the nodes, (n_nodes,), gdot0. Collective.
 
-        It is the part of the ``rows`` (n_owned,) from `residual`, divided by the integral of the
-        test functions. Ghosts have the values of their owners.
+        ``rows`` (n_owned,) come from `residual`; they are divided by integrals of test functions.
         """
         grid, local = self.grid, np.zeros(self.grid.n_local)
         local[grid.owned] = rows
@@ -419,8 +390,8 @@ class WeakForm:
         """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective.
 
         Prescribed unknowns have rows and columns of the identity. With a ``defect`` (n_nodes,) from
-        `fluidity_defect`, dF/dmu is the slope of the `secant` over which F falls by the defect.
-        ``more`` are further parts and matrices for `pgran.space.matrix.fill`.
+        `fluidity_defect`, dF/dmu is the slope of the `secant`. ``more`` are further pairs for
+        `fill`.
         """
         local = np.where(self.held, increment.prescribed, local)
         kind = "aij" if matrix.getType() != PETSc.Mat.Type.NEST else "blocked" if (
@@ -433,8 +404,8 @@ class WeakForm:
                 local, shift, increment, number, out, defect))
         matrix.assemble()
 
-    def _element_tangents(self, local, shift, increment, number, out, defect=None):
-        """Put the element matrices of a batch into ``out``, block by block, (entries, n).
+    def _element_tangents(self, local, shift, increment, number, out, defect):
+        """Put the element matrices of a batch into ``out``, (entries, n).
 
         With n = 2 D~/gdot~ and c = d(viscosity)/d(gdot~) gdot~, the stress changes by
         2 viscosity dD + c n (n:dD) + gdot~ n (viscosity_P dP + viscosity_g dg).
@@ -539,9 +510,9 @@ class WeakForm:
             fill([(self._mass, matrix)], self.batches, masses)
 
     def lumped_storage(self, shift, increment):
-        """Return shift phi rho_s times the lumped mass of owned velocities, (2 n_owned,).
+        """Return shift phi rho_s times the lumped mass of owned velocities, (2 n_owned,), or None.
 
-        It is in stress d^2/(d gdot0), node by node; ``shift`` in gdot0. None without inertia.
+        It is in stress d^2/(d gdot0), node by node; ``shift`` in gdot0.
         """
         density = self.storage["velocity"]
         if not density:
