@@ -347,7 +347,7 @@ class TimeStep:
                 x = state.x + dt * middle
             else:
                 self._advection = Advection(form.grid, middle, x)
-                self.courant_number = self._advection.courant_number(dt)
+                self.courant_number = self._advection.rate * dt
             self._angle = dt * form.spin(middle, 0.5 * (state.x + x))
             stresses = self.transport(state)
             self._previous_stress = stresses[0]

@@ -38,8 +38,6 @@ class GalerkinMatrix:
     ----------
     coarser : tuple of (GalerkinMatrix, PETSc.Mat), or None
         The operator of the next coarser grid, which `filling` fills too.
-    held : ndarray of bool, (m, n)
-        The prescribed unknowns of the local coarse elements, field by field.
     """
 
     #: It adds no entries to the entries of the fine matrix.
@@ -53,8 +51,7 @@ class GalerkinMatrix:
         corner, ends = (np.array([reach(of_x[i]), reach(of_y[j])]) for reach in (np.min, np.max))
         self._first, self._shape = corner, ends - corner + 1
         self._count = int(np.prod(self._shape))
-        self.held = self._held()
-        self._steps = []
+        self._held, self._steps = self._prescribed(), []
         for columns, i, j, held in batches:
             steps = []
             target = (of_y[j] - corner[1]) * self._shape[0] + of_x[i] - corner[0]
@@ -71,7 +68,7 @@ class GalerkinMatrix:
         """Return the local coarse elements as one of the ``batches`` of a coarser matrix."""
         columns = np.arange(self._count)
         j, i = np.divmod(columns, self._shape[0])
-        return columns, self._first[0] + i, self._first[1] + j, self.held
+        return columns, self._first[0] + i, self._first[1] + j, self._held
 
     def create(self):
         """Return a new matrix of zeros, which belongs to the caller. Collective."""
@@ -130,8 +127,8 @@ class GalerkinMatrix:
         return np.concatenate([level.number(i, j) * self._dof + field
                                for field in range(self._dof)])
 
-    def _held(self):
-        """The attribute ``held``."""
+    def _prescribed(self):
+        """The prescribed unknowns of the local coarse elements, field by field, (m, n)."""
         numbers, inverse = np.unique(self._numbers(slice(0, self._count)), return_inverse=True)
         flags, found = self._level.vector(), PETSc.Vec().createSeq(numbers.size)
         flags.setArray(self._level.held.astype(float))
@@ -140,7 +137,7 @@ class GalerkinMatrix:
         return found.getArray()[inverse].reshape(NODES * self._dof, -1) > 0.5
 
     def _find_positions(self, matrix):
-        """Find the position of each entry of the coarse element matrices in a matrix."""
+        """Find the positions of the entries of the coarse element matrices in a matrix."""
         size = self._level.held.size
         start, stop = matrix.getOwnershipRange()
         width = np.int64(matrix.getSize()[1])
@@ -154,7 +151,7 @@ class GalerkinMatrix:
         key, stored = key[order], stored[order].astype(np.int64)
         self._sums, known = [], {}
         for batch in self._batches():
-            number, free = self._numbers(batch), ~self.held[:, batch]
+            number, free = self._numbers(batch), ~self._held[:, batch]
             row, col = (self._in_order(part) for part in np.broadcast_arrays(
                 number[:, None], number[None]))
             free = self._in_order(free[:, None] & free[None])
@@ -237,24 +234,13 @@ def first_batches(form):
 class Hierarchy:
     """The operators of coarser grids for PCMG in the first split of PCFIELDSPLIT. Collective.
 
-    PCMG needs ``-fieldsplit_0_pc_mg_galerkin external``. Raises `ParameterError` if options request
-    more grids than the elements allow.
-
-    Parameters
-    ----------
-    ksp : PETSc.KSP
-        The solver of the entire system.
-    form : pgran.space.weakform.WeakForm
-
-    Attributes
-    ----------
-    filled : list of (GalerkinMatrix, PETSc.Mat)
-        Further matrices for `pgran.space.weakform.WeakForm.jacobian`.
+    ``ksp`` solves the entire system, and `WeakForm.jacobian` fills the matrices ``filled``. Raises
+    `ParameterError` if options request more grids than the elements allow.
     """
 
     def __init__(self, ksp, form):
-        self._ksp, self._split, self._up = ksp, ksp.getPC(), []
-        self._nodes = [multigrid.node_level(form, multigrid.flow_fields(form))]
+        self._ksp, self._up = ksp, []
+        self._nodes = [multigrid.flow_level(form)]
         count = PETSc.Options().getInt("fieldsplit_0_pc_mg_levels", self._nodes[0].depth + 1)
         for _ in range(count - 1):
             self._nodes.append(self._nodes[-1].coarser())
@@ -271,18 +257,18 @@ class Hierarchy:
 
     def update(self, matrix, preconditioner):
         """Pass the operators of the latest Jacobian to PCMG."""
-        first = not self._up
+        first, finest = not self._up, len(self._operators)
         if first:
             self._ksp.setOperators(matrix, preconditioner)
             self._ksp.setUp()
-        mg, count = self._split.getFieldSplitSubKSP()[0].getPC(), len(self._nodes)
+        mg = self._ksp.getPC().getFieldSplitSubKSP()[0].getPC()
         if first:
             self._up = [coarse.interpolation(fine)
                         for fine, coarse in zip(self._nodes, self._nodes[1:])]
-            for coarser, up in enumerate(self._up, 1):
-                mg.setMGInterpolation(count - coarser, up)
-        for coarser, operator in enumerate(self._operators, 1):
-            mg.getMGSmoother(count - 1 - coarser).setOperators(operator, operator)
+            for level, up in enumerate(self._up):
+                mg.setMGInterpolation(finest - level, up)
+        for level, operator in enumerate(self._operators, 1):
+            mg.getMGSmoother(finest - level).setOperators(operator, operator)
 
 
 def requested():

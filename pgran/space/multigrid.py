@@ -18,19 +18,15 @@ from .element import Geometry
 
 
 def field_shell(form):
-    """Return a DM with the fields by name and the coarser grids of a block. Collective.
-
-    PCFIELDSPLIT obtains its splits and their names from this DM. Corrections from coarser grids do
-    not change the prescribed unknowns.
-    """
+    """Return a DM with the fields by name and the coarser grids of a block. Collective."""
     grid = form.grid
     return _shell(grid.comm, grid.field_sets(), grid.create_vector(),
                   lambda names: node_level(form, names))
 
 
-def flow_fields(form):
-    """Return the names of the fields at the nodes."""
-    return ["velocity", "fluidity"] if form.grid.has_fluidity else ["velocity"]
+def flow_level(form):
+    """Return the `NodeLevel` of all fields at the nodes."""
+    return node_level(form, ["velocity", "fluidity"] if form.grid.has_fluidity else ["velocity"])
 
 
 def node_level(form, names):
@@ -61,10 +57,7 @@ def _starts(lattice):
 
 
 def resolving(form):
-    """Return the number of coarsenings, at least 1, after which the grid still resolves coupling.
-
-    `pgran.cases.Case.max_coarse_size` is the maximum size of its elements. Collective.
-    """
+    """Return how many coarsenings, at least 1, `Case.max_coarse_size` allows. Collective."""
     grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
     weight = Geometry(x[:, grid.element_nodes]).weight
@@ -80,11 +73,9 @@ class NodeLevel:
 
     Parameters
     ----------
-    comm : PETSc.Comm
     at : tuple of ndarray
         Coordinates of the nodes along x1 and x2, in any unit; if periodic, the first
         node is repeated at the end.
-    periodic : tuple of bool
     starts : list of ndarray
         First node index of each part of the ranks, and the end, in x1 and x2.
     dof : int
@@ -143,9 +134,9 @@ class NodeLevel:
         return self._first[rank] + (j - j0) * (i1 - i0) + i - i0
 
     def interpolation(self, fine):
-        """Return the matrix from unknowns of this level to the next finer level. Collective.
+        """Return the matrix from unknowns of this level to the next finer one. Collective.
 
-        It is the identity between prescribed unknowns.
+        Between prescribed unknowns it is the identity.
         """
         (i, across), (j, up) = (
             self._along(axis, fine.range[axis], fine.at[axis]) for axis in range(2))
@@ -210,7 +201,7 @@ def _shell(comm, sets, vector, level):
     names = list(sets)
 
     def decompose(dm):
-        return list(names), [sets[name] for name in names], [
+        return list(names), list(sets.values()), [
             _block(comm, {name: sets[name]}, level)[1] for name in names]
 
     def sub_dm(dm, fields):

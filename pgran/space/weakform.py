@@ -510,12 +510,10 @@ class WeakForm:
             fill([(self._mass, matrix)], self.batches, masses)
 
     def lumped_storage(self, shift, increment):
-        """Return shift phi rho_s times the lumped mass of owned velocities, (2 n_owned,), or None.
+        """Return shift phi rho_s times the lumped mass of owned unknowns at nodes, (n,).
 
         It is in stress d^2/(d gdot0), node by node; ``shift`` in gdot0.
         """
-        density = self.storage["velocity"]
-        if not density:
-            return None
         mass = self.grid.sum_at_nodes(element.SHAPE.T @ increment.geometry.weight)
-        return density * shift * np.repeat(mass[self.grid.nodes.owned], DIM)
+        return self.storage["velocity"] * shift * np.repeat(
+            mass[self.grid.nodes.owned], self.grid.dof)
