@@ -205,31 +205,17 @@ class Grid:
         """Return {name: index set} of the fields that solvers may split. Collective."""
         flow, pressure = (part.indices for part in self.part_sets())
         flow = flow.reshape(-1, self.dof)
-        sets = {"velocity": flow[:, :DIM].ravel(),
-                **({"fluidity": flow[:, DIM]} if self.has_fluidity else {}), "pressure": pressure}
-        return {name: PETSc.IS().createGeneral(numbers, comm=self.comm)
-                for name, numbers in sets.items()}
+        sets = {"velocity": flow[:, :DIM].ravel(), "fluidity": flow[:, DIM:], "pressure": pressure}
+        return {name: PETSc.IS().createGeneral(numbers.ravel(), comm=self.comm)
+                for name, numbers in sets.items() if name != "fluidity" or self.has_fluidity}
 
     def part_sets(self):
         """Return the index sets of all unknowns at nodes and of the pressures. Collective."""
-        n_flow = self.nodes.owned.size * self.dof
-        start = self.comm.tompi4py().scan(self.n_owned) - self.n_owned
-        bounds = start, start + n_flow, start + self.n_owned
-        return [PETSc.IS().createGeneral(np.arange(*ends, dtype=PETSc.IntType), comm=self.comm)
-                for ends in zip(bounds, bounds[1:])]
+        return self.dm.getGlobalISs()
 
     def largest(self, values):
         """Return the entry of largest size among the ``values`` (n,) of all ranks. Collective."""
         return max(self.comm.tompi4py().allgather(values[np.argmax(np.abs(values))]), key=abs)
-
-    def with_ghosts(self, values):
-        """Return nodal values (k <= 2, n_nodes) with owners' values at ghosts. Collective."""
-        local, vector = np.zeros(self.n_local), self.create_vector()
-        self.split(local)[0][:len(values)] = values
-        self.from_local(local, vector)
-        found = self.split(self.to_local(vector))[0][:len(values)].copy()
-        vector.destroy()
-        return found
 
     def element_ring(self, values):
         """Return values (..., m) of the owned elements and values of their neighbours. Collective.

@@ -13,7 +13,7 @@ a batch are (Gauss points, n elements).
 """
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -81,33 +81,17 @@ def _batches(grid):
 
 @dataclass
 class Increment:
-    """What is fixed while Newton's method solves one time step.
+    """What is fixed while Newton's method solves one time step."""
 
-    Attributes
-    ----------
-    x : ndarray, (2, n_nodes)
-        Coordinates of the mesh, d.
-    stress : ndarray, (3, points, n)
-        Old deviator S11, S22, S12, already rotated with the material, stress.
-    theta : float
-        Compliance f/(G dt) of the elastic element; 0 for the rigid-viscous equations.
-    prescribed, prescribed_rate : ndarray, (n_local,)
-        Prescribed values, NaN where an unknown is free, and their rates of change.
-    geometry : pgran.space.element.Geometry
-        The map of the elements.
-    load : ndarray, (2, n_nodes)
-        Nodal forces of the tractions, stress times d.
-    decay : float
-        eps in F + eps g, which limits the cooperativity length to A d/sqrt(eps); zero by default.
-    """
-
-    x: np.ndarray
+    x: np.ndarray  #: Coordinates of the mesh, (2, n_nodes), d.
+    #: Old deviator S11, S22, S12, already rotated with the material, (3, points, n), stress.
     stress: np.ndarray
-    theta: float
-    prescribed: np.ndarray
-    prescribed_rate: np.ndarray
-    geometry: object = field(repr=False)
-    load: np.ndarray
+    theta: float  #: Compliance f/(G dt) of the elastic element; 0 if rigid-viscous.
+    prescribed: np.ndarray  #: Prescribed values, NaN where an unknown is free, (n_local,).
+    prescribed_rate: np.ndarray  #: Their rates of change, (n_local,).
+    geometry: element.Geometry
+    load: np.ndarray  #: Nodal forces of the tractions, (2, n_nodes), stress times d.
+    #: eps in F + eps g, which limits the cooperativity length to A d/sqrt(eps).
     decay: float = 0.0
 
 
@@ -378,13 +362,13 @@ class WeakForm:
 
         ``rows`` (n_owned,) come from `residual`; they are divided by integrals of test functions.
         """
-        grid, local = self.grid, np.zeros(self.grid.n_local)
+        grid, local, vector = self.grid, np.zeros(self.grid.n_local), self.grid.create_vector()
         local[grid.owned] = rows
         local[self.held] = 0.0
         mass = grid.sum_at_nodes(element.SHAPE.T @ increment.geometry.weight)
-        defect, owned = np.zeros((1, grid.nodes.size)), grid.nodes.owned
-        defect[0, owned] = grid.split(local)[1][owned] / mass[owned]
-        return grid.with_ghosts(defect)[0]
+        grid.split(local)[1][grid.nodes.owned] /= mass[grid.nodes.owned]
+        grid.from_local(local, vector)
+        return grid.split(grid.to_local(vector))[1]
 
     def jacobian(self, local, shift, increment, matrix, defect=None, more=()):
         """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective.
