@@ -35,9 +35,8 @@ class Unknowns:
     def __init__(self, lattices, numbers, held):
         self.lattices, self.numbers, self.held = lattices, numbers, held
         self.starts = np.cumsum([0] + [lattice.size * lattice.dof for lattice in lattices])
-        self.owned = np.concatenate([
-            start + (lattice.owned[:, None] * lattice.dof + np.arange(lattice.dof)).ravel()
-            for start, lattice in zip(self.starts, lattices)])
+        self.owned = np.concatenate([start + lattice.owned_unknowns
+                                     for start, lattice in zip(self.starts, lattices)])
 
     def local(self, field):
         """Return the local numbers of a `Field`, (m, n)."""
