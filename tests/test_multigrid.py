@@ -35,8 +35,7 @@ def interpolated(coarse, fine, values):
 
 @pytest.mark.parametrize("names", [["velocity", "fluidity"], ["fluidity"], ["pressure"]])
 @pytest.mark.parametrize("options", [
-    {"width": 6, "height": 12, "element_size": 0.5}, {"width": 5, "height": 7, "element_size": 1},
-    {"width": 9, "height": 12, "element_size": 1}, {"case": "periodic", "cell_elements": 5},
+    {"width": 6, "height": 12, "element_size": 0.5}, {"width": 9, "height": 7, "element_size": 1},
     {"case": "periodic", "cell_elements": 9}])
 def test_interpolation_is_exact_for_free_unknowns_and_keeps_prescribed_ones(options, names):
     form = discretised(**options, inertia="true")
@@ -111,7 +110,7 @@ def test_the_galerkin_operator_is_the_product_of_matrices(options):
             assert difference.norm(maximum) < 1e-14 * product.norm(maximum)
 
 
-def test_coarse_correction_solves_its_coarse_space_exactly_and_keeps_its_memory():
+def test_coarse_correction_solves_its_coarse_space_exactly():
     form = discretised(width=8, height=24, element_size=1)
     state, matrix = rest(form), form.create_matrix("nest")
     form.jacobian(state.local, 1e3, form.increment(state.x, state.stress, 0.5, 0.0), matrix)
@@ -131,18 +130,13 @@ def test_coarse_correction_solves_its_coarse_space_exactly_and_keeps_its_memory(
     found.axpy(-1.0, wanted)
     assert found.norm() < 1e-9 * wanted.norm()
 
-    def memory():
-        with open("/proc/self/statm") as file:
-            return int(file.read().split()[1]) * 4096
 
-    grown = []
-    for _ in range(3):  # the minimum excludes what is allocated once
-        before = memory()
-        for _ in range(80):
-            outer.apply(right, found)
-            correction.setUp(outer)
-        grown.append(memory() - before)
-    assert min(grown) < 80 * 8 * right.getLocalSize() / 10
+def study(ranks, name, states, snapshot, size, *options):
+    """The result of a study of the steps from a snapshot."""
+    return json.loads(run_ranks(
+        ranks, "-m", f"studies.{name}", "-options_file", ROOT / "options" / "biaxial.opts",
+        "-from", states, "-snapshot", snapshot, "-pgran_element_size", size, "-ksp_rtol", 1e-6,
+        *options).stdout)
 
 
 @pytest.mark.nightly
@@ -153,11 +147,9 @@ def test_coarse_correction_reduces_the_iterations_of_a_large_specimen(tmp_path):
           "-pgran_snapshots", 0.001)
     found = {}
     for file, ranks in (("biaxial", 2), ("large", 1), ("large", 2)):
-        done = run_ranks(ranks, "-m", "studies.systems", "-options_file",
-                         ROOT / "options" / "biaxial.opts", "-options_file",
-                         ROOT / "options" / f"{file}.opts", *shape, "-pgran_element_size", 4,
-                         "-from", path, "-dt", "3e-4", "-ksp_rtol", 1e-6, "-ksp_max_it", 100)
-        found[file, ranks], = json.loads(done.stdout)
+        found[file, ranks], = study(
+            ranks, "systems", path, 0, 4, "-options_file", ROOT / "options" / f"{file}.opts",
+            *shape, "-dt", "3e-4", "-ksp_max_it", 100)
     assert found["large", 1] == found["large", 2] <= 27 < 35 < found["biaxial", 2], found
 
 
@@ -173,9 +165,8 @@ def test_coarse_correction_works_on_fixed_meshes_and_needs_blocks(tmp_path):
 
 @pytest.mark.parametrize("options, depth", [
     *(({"width": width, "height": 3 * width, "element_size": 4}, depth)
-      for width, depth in ((40, 1), (80, 1), (160, 2), (320, 3), (640, 4))),
-    *(({"case": "inclined_plane", "law": "jop", "grading": 2, "element_size": size}, depth)
-      for size, depth in ((0.5, 1), (0.25, 2)))])
+      for width, depth in ((80, 1), (160, 2), (640, 4))),
+    ({"case": "inclined_plane", "law": "jop", "grading": 2, "element_size": 0.25}, 2)])
 def test_the_coarsest_grid_follows_the_mean_element_size_and_has_a_maximum_size(options, depth):
     form = discretised(**options)
     level = node_level(form, ["velocity", "fluidity"])
@@ -204,33 +195,24 @@ def states(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("snapshot", [
-    pytest.param(1, marks=pytest.mark.nightly), pytest.param(2, marks=pytest.mark.nightly), 3])
+@pytest.mark.parametrize("snapshot", [pytest.param(2, marks=pytest.mark.nightly), 3])
 def test_iterations_do_not_grow_with_the_mesh_or_the_ranks(states, snapshot):
     found = {}
     for size, ranks in ((2, 1), (2, 3), (1, 2)):
-        done = run_ranks(ranks, "-m", "studies.one_step", "-options_file",
-                         ROOT / "options" / "biaxial.opts", "-from", states, "-snapshot", snapshot,
-                         "-pgran_element_size", size, "-dt", 2e-4, "-ksp_rtol", 1e-6)
-        found[size, ranks] = [row["iterations"] for row in json.loads(done.stdout)["newton"]]
+        rows = study(ranks, "one_step", states, snapshot, size, "-dt", 2e-4)["newton"]
+        found[size, ranks] = [row["iterations"] for row in rows]
     assert found[2, 1] == found[2, 3]
     maxima = [max(counts) for counts in found.values()]
     assert max(maxima) <= 28 and max(maxima) <= 1.15 * min(maxima), found  # 21 to 27 measured
 
 
-@pytest.mark.parametrize("meshes", [
-    [(2, 1), (2, 3)], pytest.param([(1, 2)], marks=pytest.mark.nightly)],
-    ids=["two ranks counts", "finer mesh"])
-@pytest.mark.parametrize("snapshot, steps", [(0, "1e-8,1e-7,1e-6,1e-5,1e-4"),
-                                             (2, "1e-8,1e-7,1e-6,1e-5,1e-4,1e-3")])
-def test_iterations_do_not_grow_with_inertia_at_any_step(states, snapshot, steps, meshes):
-    for size, ranks in meshes:
-        done = run_ranks(ranks, "-m", "studies.systems", "-options_file",
-                         ROOT / "options" / "biaxial.opts", "-from", states, "-snapshot", snapshot,
-                         "-pgran_element_size", size, "-pgran_inertia", "true", "-dt", steps,
-                         "-ksp_rtol", 1e-6, "-ksp_max_it", 60)
-        counts = json.loads(done.stdout)
-        assert max(counts) <= 31, (size, ranks, counts)  # 13 to 29 measured
+@pytest.mark.parametrize("size, ranks", [
+    (2, 1), (2, 3), pytest.param(1, 2, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("snapshot, steps", [(0, "1e-8,1e-6,1e-4"), (2, "1e-8,1e-6,1e-4,1e-3")])
+def test_iterations_do_not_grow_with_inertia_at_any_step(states, snapshot, steps, size, ranks):
+    counts = study(ranks, "systems", states, snapshot, size, "-pgran_inertia", "true",
+                   "-dt", steps, "-ksp_max_it", 60)
+    assert max(counts) <= 31, counts  # 13 to 29 measured
 
 
 @pytest.mark.parametrize("case, more", [
