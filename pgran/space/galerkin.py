@@ -138,15 +138,15 @@ class GalerkinMatrix:
 
     def _find_positions(self, matrix):
         """Find the positions of the entries of the coarse element matrices in a matrix."""
-        size = self._level.held.size
         start, stop = matrix.getOwnershipRange()
         width = np.int64(matrix.getSize()[1])
         with stored_values(matrix) as arrays:
             lengths = [array.size for array in arrays]
             arrays[0][:], arrays[1][:] = np.arange(lengths[0]), lengths[0] + np.arange(lengths[1])
         begin, column, stored = matrix.getValuesCSR()
+        self._ones = matrix.getDiagonal().array[self._level.held].astype(int)
         matrix.zeroEntries()
-        key = np.repeat(np.arange(size), np.diff(begin)) * width + column
+        key = np.repeat(np.arange(stop - start), np.diff(begin)) * width + column
         order = np.argsort(key)
         key, stored = key[order], stored[order].astype(np.int64)
         self._sums, known = [], {}
@@ -166,8 +166,6 @@ class GalerkinMatrix:
                 batch, scatter_adds(0, positions, lengths, known), remote,
                 [part.astype(PETSc.IntType) for part in (
                     rows, np.append(first, remote.size), col[remote])]))
-        diagonal = np.flatnonzero(self._level.held)
-        self._ones = stored[np.searchsorted(key, diagonal * width + start + diagonal)]
 
     def _in_order(self, values):
         """Values (m, m, n) of rows and columns, field by field, in the order of `filling`."""
@@ -279,10 +277,7 @@ def requested():
 
 
 def _children(fine, coarse, axis):
-    """The coarse element and the kind of each fine element along one direction, (n,) each.
-
-    Also the matrix (3, 3) of each kind from values at the coarse nodes to the fine nodes.
-    """
+    """Coarse element and kind of each fine element, and the interpolation of each kind."""
     kept, count = coarse.kept[axis], fine.shape[axis]
     element = np.searchsorted(kept[2:-1:2], 2 * np.arange(count) + 1)
     ends, inner = coarse.at[axis], fine.at[axis]

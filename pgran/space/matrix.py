@@ -19,9 +19,9 @@ CHUNK = 8192
 
 
 class Field(NamedTuple):
-    """Field ``number`` of a lattice ``part`` of a matrix, at local points (m, n) of elements."""
+    """Field ``number`` of a `Lattice`, at local points (m, n) of elements."""
 
-    part: int
+    lattice: object
     number: int
     points: np.ndarray
 
@@ -34,21 +34,21 @@ class Unknowns:
 
     def __init__(self, lattices, numbers, held):
         self.lattices, self.numbers, self.held = lattices, numbers, held
-        self.starts = np.cumsum([0] + [lattice.size * lattice.dof for lattice in lattices])
+        starts = np.cumsum([0] + [lattice.size * lattice.dof for lattice in lattices])
+        self._starts = dict(zip(lattices, starts))
         self.owned = np.concatenate([start + lattice.owned_unknowns
-                                     for start, lattice in zip(self.starts, lattices)])
+                                     for lattice, start in self._starts.items()])
 
     def local(self, field):
         """Return the local numbers of a `Field`, (m, n)."""
-        return (self.starts[field.part] + field.points * self.lattices[field.part].dof
-                + field.number)
+        return self._starts[field.lattice] + field.points * field.lattice.dof + field.number
 
 
 class ScatterAdd:
     """Adds the ``chosen`` numbers of a batch to ``positions`` (n,) of an array.
 
-    Positions from the ``length`` of the array on are ignored. ``known`` holds positions relative to
-    the first one. On a structured grid most batches share them, so that they remain in the cache.
+    Positions from the ``length`` of the array on are ignored. Most batches share the positions
+    relative to the first one, which are ``known`` and thus remain in the cache.
     """
 
     def __init__(self, chosen, positions, length, known):
@@ -219,7 +219,7 @@ class Sparsity:
     """
 
     def __init__(self, grid, rows, columns):
-        self._columns, self._blocks = columns, []
+        self._columns, self._blocks = columns, {}
         starts, n_entries = [np.zeros(1, dtype=np.int64)], 0
         for lattice in rows:
             reach, dof = _reach(grid, lattice), lattice.dof
@@ -227,8 +227,8 @@ class Sparsity:
             ends = n_entries + np.cumsum(np.repeat(sum(widths), dof))
             owned = np.full(lattice.size, -1)
             owned[lattice.owned] = np.arange(lattice.owned.size)
-            self._blocks.append(
-                (dof, owned, np.concatenate([[n_entries], ends[:-1]]), reach, widths))
+            self._blocks[lattice] = (
+                dof, owned, np.concatenate([[n_entries], ends[:-1]]), reach, widths)
             starts.append(ends)
             n_entries = ends[-1]
         self.start, self.size = np.concatenate(starts), int(n_entries)
@@ -240,7 +240,7 @@ class Sparsity:
         ``column`` (m,), the local columns.
         """
         first = 0
-        for dof, _, _, reach, widths in self._blocks:
+        for dof, _, _, reach, widths in self._blocks.values():
             n_points = len(widths[0])
             for begin in range(0, n_points, CHUNK):
                 chunk = slice(begin, min(begin + CHUNK, n_points))
@@ -270,12 +270,12 @@ class Sparsity:
 
     def positions(self, row, column):
         """Return the numbers (n_a, n_b, n) of entries of two fields; ``size`` if not owned."""
-        dof, owned, first, reach, widths = self._blocks[row.part]
-        target = self._columns[column.part]
+        dof, owned, first, reach, widths = self._blocks[row.lattice]
+        target = column.lattice
         start, count = _span(reach, target)
         point = owned[row.points]
         safe = np.where(point < 0, 0, point)
-        before = sum(widths[:column.part], np.zeros_like(widths[0]))
+        before = sum(widths[:self._columns.index(target)], np.zeros_like(widths[0]))
         base = first[safe * dof + row.number] + before[safe] + column.number
         i = target.i[column.points][None] - start[0][safe][:, None]
         j = target.j[column.points][None] - start[1][safe][:, None]

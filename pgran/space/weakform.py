@@ -14,6 +14,7 @@ a batch are (Gauss points, n elements).
 
 import os
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from mpi4py import MPI
@@ -289,27 +290,25 @@ class WeakForm:
         """Number the entries of the element matrices, block by block, and find the force sums."""
         grid, count = self.grid, 0
         self._rows, self._matrices = {}, {}
-        flow = [(row, column) for row in grid.fields for column in grid.fields]
-        self._couplings = flow, [(row, "P") for row in grid.fields], [
-            ("P", column) for column in grid.velocities]
-        for pair in sum(self._couplings, []):
-            size = np.prod([len(grid.element_unknowns[grid.blocks[name]]) for name in pair])
-            self._rows[pair] = slice(count, count + size)
-            count += size
+        fields = {name: Field(grid.nodes, number, grid.element_nodes)
+                  for number, name in enumerate(grid.fields)}
+        fields["P"] = Field(grid.corners, 0, grid.element_corners)
+        self._couplings = []
+        for names in (product(grid.fields, grid.fields), product(grid.fields, "P"),
+                      product("P", grid.velocities)):
+            self._couplings.append([])
+            for row, column in names:
+                size = len(fields[row].points) * len(fields[column].points)
+                self._rows[row, column] = slice(count, count + size)
+                self._couplings[-1].append((fields[row], fields[column]))
+                count += size
+        self._pressures = fields["P"]
         self._force_sums, known = [], {}
         for batch in self.batches:
             rows, flow = grid.element_unknowns[:, batch], (
                 batch.stop - batch.start) * NODES * grid.dof
             self._force_sums.append([ScatterAdd(part, rows.ravel()[part], grid.n_local, known)
                                      for part in (slice(0, flow), slice(flow, None))])
-
-    def _group(self, pairs, pressure):
-        """The two `Field` of each pair of names; ``pressure`` is the lattice of the corners."""
-        grid = self.grid
-        fields = {name: Field(0, number, grid.element_nodes)
-                  for number, name in enumerate(grid.fields)}
-        fields["P"] = Field(pressure, 0, grid.element_corners)
-        return [(fields[row], fields[column]) for row, column in pairs]
 
     def _unknowns(self):
         """The `Unknowns` at the nodes and at the corners."""
@@ -320,19 +319,17 @@ class WeakForm:
     def _element_matrices(self, kind):
         """The `InPlaceMatrix` of each block of a Jacobian, [[...], ...]. Collective."""
         if kind not in self._matrices:
-            grid, (flow, right, below) = self.grid, self._couplings
+            grid, (flow, right, below), first = self.grid, self._couplings, 0
+            parts, groups = self._unknowns(), [[[flow], [right]], [[below], []]]
             if kind == "aij":
-                parts = Unknowns([grid.nodes, grid.corners], grid.global_number, self.held)
-                groups = [self._group(pairs, 1) for pairs in (flow + right, below)]
-                self._matrices[kind] = [[InPlaceMatrix(grid, parts, parts, groups, self.batches)]]
-            else:
-                parts, first, found = self._unknowns(), 0, [[], []]
-                for row, column, pairs in (0, 0, flow), (0, 1, right), (1, 0, below), (1, 1, []):
-                    found[row].append(InPlaceMatrix(
-                        grid, parts[row], parts[column], [self._group(pairs, 0)] if pairs else [],
-                        self.batches, first, kind == "blocked" and row == column == 0))
-                    first += found[row][-1].entries
-                self._matrices[kind] = found
+                parts = [Unknowns([grid.nodes, grid.corners], grid.global_number, self.held)]
+                groups = [[[flow + right, below]]]
+            self._matrices[kind] = [[] for _ in parts]
+            for (a, row), (b, column) in product(enumerate(parts), repeat=2):
+                self._matrices[kind][a].append(InPlaceMatrix(
+                    grid, row, column, groups[a][b], self.batches, first,
+                    kind == "blocked" and a == b == 0))
+                first += self._matrices[kind][a][-1].entries
         return self._matrices[kind]
 
     def create_matrix(self, kind="aij"):
@@ -354,7 +351,7 @@ class WeakForm:
         """Return an empty matrix for `pressure_mass`. Collective."""
         corners = self._unknowns()[1]
         self._mass = InPlaceMatrix(
-            self.grid, corners, corners, [self._group([("P", "P")], 0)], self.batches)
+            self.grid, corners, corners, [[(self._pressures, self._pressures)]], self.batches)
         return self._mass.create()
 
     def fluidity_defect(self, rows, increment):
@@ -406,20 +403,17 @@ class WeakForm:
             np.matmul(table, factors.reshape(table.shape[1], n), out=out[rows[row, column]])
 
         def mass(field):
-            """The mass matrix of a field, None without storage."""
-            coefficient = self.storage[field]
-            return element.VALUE_VALUE @ (coefficient * shift * weight) if coefficient else None
+            return element.VALUE_VALUE @ (self.storage[field] * shift * weight)
 
         direction = p.direction_pulled_back()                     # n_ik d xi_r/d x_k
         viscous = weight * viscosity.value
         metric = np.einsum("krqe,ksqe->rsqe", inverse, inverse)
         tangent = weight * viscosity.rate * p.gdot if np.ndim(viscosity.rate) else None
-        inertia = mass("velocity")
+        inertia = mass("velocity") if self.storage["velocity"] else None
         if self.convective:  # (w, (v.grad) dv)
             convection = np.einsum("kqe,ksqe->sqe", p.total_velocity, inverse) * weight
-            convection = element.VALUE_SLOPE @ (
+            inertia += element.VALUE_SLOPE @ (
                 self.storage["velocity"] * convection).reshape(-1, n)
-            inertia = convection if inertia is None else inertia + convection
         for i, row in enumerate(self.grid.velocities):
             for j, column in enumerate(self.grid.velocities):
                 factors = viscous * (inverse[j][:, None] * inverse[i][None, :])
