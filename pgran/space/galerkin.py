@@ -1,9 +1,8 @@
 """Galerkin operators of coarser grids, element by element: K_c = sum P_e^T K_e P_e.
 
-The spaces of the grids are nested, so the element matrix of a coarse element is a sum over the fine
-elements that it joins. While the fine matrix is filled, a rank sums the matrices of its own
-elements, level by level. Products of sparse matrices would double the memory of the fine matrix,
-and need AIJ, which multiplies more slowly than BAIJ.
+The element matrix of a coarse element is a sum over the fine elements that it joins. While the fine
+matrix is filled, a rank sums the matrices of its own elements, level by level. Products of sparse
+matrices would double the memory and need AIJ, which multiplies more slowly than BAIJ.
 """
 
 from contextlib import contextmanager
@@ -33,18 +32,14 @@ class GalerkinMatrix:
         their indices i and j, and their prescribed unknowns, field by field, (m, n) bool.
     blocked : bool
         Whether the matrix is BAIJ; AIJ otherwise.
-
-    Attributes
-    ----------
-    coarser : tuple of (GalerkinMatrix, PETSc.Mat), or None
-        The operator of the next coarser grid, which `filling` fills too.
     """
 
-    #: It adds no entries to the entries of the fine matrix.
-    entries = 0
+    entries = 0  # it adds none to the entries of the fine matrix
+    #: (GalerkinMatrix, PETSc.Mat) of the next coarser grid, which `filling` fills too.
+    coarser = None
 
     def __init__(self, fine, coarse, batches, blocked=True):
-        self._level, self._dof, self._blocked, self.coarser = coarse, coarse.dof, blocked, None
+        self._level, self._dof, self._blocked = coarse, coarse.dof, blocked
         (of_x, kind_x, maps_x), (of_y, kind_y, maps_y) = (
             _children(fine, coarse, axis) for axis in range(2))
         i, j = (np.concatenate([batch[part] for batch in batches]) for part in (1, 2))
@@ -95,14 +90,11 @@ class GalerkinMatrix:
     def _neighbours(self):
         """Maximum numbers of neighbours of owned nodes on this rank and on others, (n,) each."""
         level, widths, inside = self._level, [], []
-        for (low, high), n, wrap in zip(level.range, level.shape, level.periodic):
+        for low, high in level.range:
             index = np.arange(low, high)
             reach = np.where(index % 2 == 0, 2, 1)
-            first, last = index - reach, index + reach
-            if not wrap:
-                first, last = np.maximum(first, 0), np.minimum(last, 2 * n)
-            widths.append(np.minimum(last - first + 1, 2 * n + (not wrap)))
-            inside.append((low <= first) & (last < high))
+            widths.append(2 * reach + 1)
+            inside.append((low <= index - reach) & (index + reach < high))
         total = np.multiply.outer(widths[1], widths[0]).ravel()
         own = level.held.size // self._dof
         others = level.comm.tompi4py().allreduce(own) - own
@@ -174,17 +166,14 @@ class GalerkinMatrix:
 
     @contextmanager
     def filling(self, matrix):
-        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective.
-
-        It sets entries of prescribed unknowns in ``out``, which no other matrix uses, to zero.
-        """
+        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
         dof = self._dof
         total = np.zeros((dof * dof, NODES, NODES, self._count))
 
         def add(number, out):
             fine = out[:(NODES * dof)**2].reshape(dof * dof, NODES, NODES, -1)
             steps, some, free = self._steps[number]
-            if some.size:  # prescribed unknowns
+            if some.size:  # entries of prescribed unknowns, which no other matrix uses
                 both = free[:, None, :, None] * free[None, :, None, :]
                 fine[..., some] *= both.reshape(dof * dof, NODES, NODES, -1)
             for chosen, target, down in steps:
@@ -219,13 +208,12 @@ class GalerkinMatrix:
 def first_batches(form):
     """Return the elements of a form that this rank owns as the ``batches`` of `GalerkinMatrix`."""
     grid, found = form.grid, []
-    owned = np.zeros(grid.n_elements, dtype=bool)
-    owned[grid.elements.owned] = True
-    rows = np.concatenate([grid.element_unknowns[grid.blocks[name]] for name in grid.fields])
+    rows = grid.element_unknowns[:grid.blocks["P"].start]
     for batch in form.batches:
-        columns = np.flatnonzero(owned[batch])
-        found.append((columns, grid.element_i[batch][columns], grid.element_j[batch][columns],
-                      form.held[rows[:, batch][:, columns]]))
+        chosen = grid.elements.owned
+        chosen = chosen[(batch.start <= chosen) & (chosen < batch.stop)]
+        found.append((chosen - batch.start, grid.element_i[chosen], grid.element_j[chosen],
+                      form.held[rows[:, chosen]]))
     return found
 
 
@@ -288,7 +276,7 @@ def _children(fine, coarse, axis):
 
 
 def _range(index):
-    """``index`` (n,) as a slice if it is a range with one step."""
+    """``index`` (n,) as a slice if it is a range."""
     step = np.unique(np.diff(index))
     if index.size > 1 and step.size == 1 and step[0] > 0:
         return slice(index[0], index[-1] + 1, step[0])

@@ -65,15 +65,10 @@ class Grid:
     The local unknowns of a rank are one array: node by node v1, v2 (and g), then the pressures of
     the corners, ghosts included. Raises `ParameterError` if there are too many ranks.
 
-    Parameters
+    Attributes
     ----------
     shape : tuple of int
         Elements along x1 and x2.
-    fluidity : bool
-        Whether g is an unknown.
-
-    Attributes
-    ----------
     element_nodes, element_corners, element_unknowns : ndarray, (..., n)
         Local nodes, corners and unknowns of each element, the last block by block.
     blocks : dict
@@ -122,7 +117,6 @@ class Grid:
     def _number_elements(self):
         """Number the elements of this rank, and their nodes and unknowns."""
         nodes, corners = self.nodes, self.corners
-        # The last corner of a row begins no element, and the first one ends none.
         below, left = (int(wrap or start > 0) for wrap, start in zip(
             self.periodic[::-1], (corners.j0, corners.i0)))
         i1, j1 = min(corners.i1, self.shape[0]), min(corners.j1, self.shape[1])
@@ -201,10 +195,9 @@ class Grid:
         return max(self.comm.tompi4py().allgather(values[np.argmax(np.abs(values))]), key=abs)
 
     def element_ring(self, values):
-        """Return values (..., m) of the owned elements and values of their neighbours. Collective.
+        """Return values (..., m) of owned elements as (..., rows + 2, columns + 2). Collective.
 
-        The result (..., rows + 2, columns + 2) has the owned elements in rows of j and columns of
-        i, surrounded by a ring of neighbours. It is zero outside the domain.
+        A ring of neighbours surrounds the owned elements; it is zero outside the domain.
         """
         cells, before = self.elements, values.shape[:-1]
         dof = int(np.prod(before))
@@ -232,15 +225,14 @@ class Grid:
     def period(self, values):
         """Return the change (2, k) of nodal values (k, n_nodes) across a period. Collective.
 
-        The change is along i and along j, and zero where the grid is not periodic. The values, such
-        as coordinates, include ghosts.
+        It is along i and along j, and zero where the grid is not periodic.
         """
         nodes, found = self.nodes, np.zeros((DIM, len(values)))
 
         def owns(i, j):
             return nodes.i0 <= i < nodes.i1 and nodes.j0 <= j < nodes.j1
 
-        for axis in (axis for axis, wrap in enumerate(self.periodic) if wrap):
+        for axis in np.flatnonzero(self.periodic):
             last, end = [0, 0], [0, 0]
             last[axis], end[axis] = nodes.shape[axis] - 1, nodes.shape[axis]
             if owns(*last):

@@ -7,7 +7,7 @@ fluidity has coarser grids. The preconditioner can therefore be chosen by option
     -fieldsplit_0_pc_type mg
 
 A coarser grid joins elements in pairs, in both directions; the last one of an odd number is kept.
-The Q2 spaces of the grids are nested, and coarse operators are Galerkin products.
+The Q2 spaces of the grids are nested.
 """
 
 import numpy as np
@@ -73,28 +73,19 @@ class NodeLevel:
 
     Parameters
     ----------
-    at : tuple of ndarray
-        Coordinates of the nodes along x1 and x2, in any unit; if periodic, the first
-        node is repeated at the end.
+    at : list of ndarray
+        Coordinates of the nodes along x1 and x2; if periodic, the first is repeated at the end.
     starts : list of ndarray
         First node index of each part of the ranks, and the end, in x1 and x2.
-    dof : int
-        Unknowns of a node.
     held : ndarray of bool, (n_owned,)
-        Which unknowns are prescribed, node by node.
-    kept : tuple of ndarray, optional
+        Which of the ``dof`` unknowns of each node are prescribed, node by node.
+    kept : list of ndarray, optional
         Numbers of the nodes of the finer level that this level has, along x1 and x2.
     degree : int
         2 for Q2 nodes, 1 for corners.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        Elements along x1 and x2.
-    depth : int
-        Number of coarser levels that multigrid uses.
     """
 
+    #: Number of coarser levels that multigrid uses.
     depth = 0
 
     def __init__(self, comm, at, periodic, starts, dof, held, kept=None, degree=2):
@@ -105,11 +96,8 @@ class NodeLevel:
         self.range = [(start[k], start[k + 1]) for start, k in zip(starts, part)]
         counts = np.outer(np.diff(starts[1]), np.diff(starts[0])).ravel()
         self._first = np.concatenate([[0], np.cumsum(counts)])
-
-    @property
-    def coarsenings(self):
-        """Number of coarsenings until one element is left."""
-        return (max(self.shape) - 1).bit_length()
+        #: Number of coarsenings until one element is left.
+        self.coarsenings = (max(self.shape) - 1).bit_length()
 
     def coarser(self):
         """Return the `NodeLevel` of elements joined in pairs. Collective."""
@@ -134,10 +122,7 @@ class NodeLevel:
         return self._first[rank] + (j - j0) * (i1 - i0) + i - i0
 
     def interpolation(self, fine):
-        """Return the matrix from unknowns of this level to the next finer one. Collective.
-
-        Between prescribed unknowns it is the identity.
-        """
+        """Return the interpolation to the next finer level; it keeps prescribed unknowns."""
         (i, across), (j, up) = (
             self._along(axis, fine.range[axis], fine.at[axis]) for axis in range(2))
         dof, n, around = self.dof, fine.held.size // self.dof, (self.degree + 1)**2

@@ -59,7 +59,7 @@ class SchurPreconditioner:
         else:
             divergence, pressures = (jacobian.createSubMatrix(self._sets[1], columns)
                                      for columns in self._sets)
-        gradient = divergence.transpose()
+        gradient = divergence.transpose(PETSc.Mat())
         scale = gradient.createVecLeft()
         scale.setArray(storage**-0.5)
         gradient.diagonalScale(scale)
