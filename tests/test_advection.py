@@ -165,7 +165,7 @@ def test_transport_and_rotation_of_stress_have_second_order_in_time():
     phase, across = np.pi * x[0] / 2.0, x[1] * (4.0 - x[1]) / 4.0
     velocity = np.array([1.0 + np.sin(phase) * (4.0 - 2.0 * x[1]) / 4.0,
                          -np.pi / 2.0 * np.cos(phase) * across])
-    local = grid.join(velocity, np.ones(grid.nodes.size), np.ones(grid.corners.size))
+    local = grid.join(velocity, 1.0, 1.0)
     found = []
     for steps in (8, 16, 32):
         stress = form.no_stress() + np.array([1.0, -1.0, 0.5]).reshape(-1, 1, 1)
@@ -183,8 +183,7 @@ def test_both_stresses_of_a_state_are_transported_and_rotated():
     form = discretised(case="annular_shear", inner_radius=3, outer_radius=6, element_size=1)
     grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    local = grid.join(np.array([-x[1], x[0]]), np.ones(grid.nodes.size),
-                      np.ones(grid.corners.size))
+    local = grid.join([-x[1], x[0]], 1.0, 1.0)
     dt = 0.1
 
     def turned(t):
@@ -209,10 +208,9 @@ def test_both_stresses_of_a_state_are_transported_and_rotated():
 
 def test_a_chute_stays_uniform_along_its_flow(tmp_path):
     path, end, dt = tmp_path / "chute.h5", 60.0, 0.5
-    options = {"model": "li", "gravity": 0.06, "width": 20, "height": 2, "element_size": 1,
-               "step_max": dt, "end_time": end, "snapshots": end}
-    pgran(0, "vertical_chute.opts", path, "-ts_type", "beuler",
-          *[text for name, value in options.items() for text in (f"-pgran_{name}", value)])
+    pgran(0, "vertical_chute.opts", path, "-ts_type", "beuler", "-pgran_model", "li",
+          "-pgran_gravity", 0.06, "-pgran_width", 20, "-pgran_height", 2, "-pgran_element_size", 1,
+          "-pgran_step_max", dt, "-pgran_end_time", end, "-pgran_snapshots", end)
     with h5py.File(path) as file:
         shear = file["snapshots/0000/stress_tensor"][..., DIM]
         speed = np.abs(file["snapshots/0000/velocity"][...]).max()

@@ -35,10 +35,8 @@ def state(form, regime):
     grid, case = form.grid, form.case
     x = case.coordinates(grid.nodes.i, grid.nodes.j) if case.periodic[0] else distorted(form)
     rate, fluidity = REGIMES[regime]
-    size = np.full(grid.nodes.size, fluidity * form.case.fluidity)
-    mean = grid.join(rate * case.reference(x)[0], size, np.full(grid.corners.size, case.pressure))
-    spread = grid.join(np.full_like(x, 0.01), 0.1 * size, np.full(grid.corners.size, 0.1))
-    return x, mean + spread * noise(grid, 1)
+    mean = grid.join(rate * case.reference(x)[0], fluidity * case.fluidity, case.pressure)
+    return x, mean + grid.join(0.01, 0.1 * fluidity * case.fluidity, 0.1) * noise(grid, 1)
 
 
 SHAPES = {"biaxial": {"width": 4, "height": 6, "element_size": 1},
@@ -79,11 +77,9 @@ def assert_jacobian_is_derivative(form, local, step, shift=7.0, size=1e-6):
 def test_jacobian_is_the_derivative_of_the_residual(case, model, law, regime, theta, inertia):
     form = discretised(case=case, model=model, law=law, inertia=inertia, inertial_number=0.1,
                        body_force="0.2,-0.1", **SHAPES[case], **LAWS[law])
-    grid = form.grid
     x, local = state(form, regime)
     if model == "ngf_primitive" and regime == "loading":  # its F has a kink at g = 0
-        local = local + grid.join(np.zeros_like(x), np.full(grid.nodes.size, 0.01),
-                                  np.zeros(grid.corners.size))
+        local = local + form.grid.join(0.0, 0.01, 0.0)
     step = at_rest(form, x, theta, 0.1, form.no_stress() + 0.02)
     step.prescribed = REGIMES[regime][0] * step.prescribed
     step.prescribed_rate = np.where(np.isnan(step.prescribed), np.nan, 0.3)
@@ -191,7 +187,7 @@ def test_loads_have_their_sign_and_size(load, area):
         form = WeakForm(form.grid, Pulled(form.case.parameters))
     grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    local = grid.join(np.zeros_like(x), np.ones(grid.nodes.size), np.zeros(grid.corners.size))
+    local = grid.join(0.0, 1.0, 0.0)
     # Sums over all nodes; the pressures on the faces of the specimen cancel each other.
     rows = form.forces(local, np.zeros(grid.n_local), at_rest(form, x, 0.0))
     total = [COMM.allreduce(part.sum()) for part in grid.split(rows)[0][:, grid.nodes.owned]]
@@ -219,9 +215,7 @@ def test_homogeneous_flow_is_exact_on_a_distorted_mesh(model, law):
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
     bump = np.sin(np.pi * x[0] / 4.0) * np.sin(np.pi * x[1] / 6.0)
     x = x + 0.2 * bump * np.array([np.cos(3.0 * x[1]), np.sin(2.0 * x[0])])
-    exact = grid.join(np.array([x[0], -x[1]]) / 2.0,
-                      np.full(grid.nodes.size, form.case.fluidity),
-                      np.full(grid.corners.size, form.case.pressure))
+    exact = grid.join(np.array([x[0], -x[1]]) / 2.0, form.case.fluidity, form.case.pressure)
     step = at_rest(form, x, 0.0)
     found = newton(form, step, exact * (1.0 + 0.001 * noise(grid, 5)))
     assert np.abs(found - exact)[grid.owned].max() < 1e-10 * np.abs(exact).max()
@@ -234,7 +228,7 @@ def test_pressure_follows_the_deformed_normal():
     form = WeakForm(base.grid, Submerged(base.case.parameters))
     grid = form.grid
     x = distorted(form, 0.15)
-    local = grid.join(np.zeros_like(x), np.ones(grid.nodes.size), np.full(grid.corners.size, 2.0))
+    local = grid.join(0.0, 1.0, 2.0)
     forces = form.residual(local, np.zeros(grid.n_local), at_rest(form, x, 0.0))
     nodes = forces[:grid.nodes.owned.size * grid.dof].reshape(-1, grid.dof)[:, :2]
     assert np.abs(nodes).max() < 1e-13

@@ -171,12 +171,12 @@ class Grid:
                 local[self.n_flow:])
 
     def join(self, velocity, fluidity, pressure):
-        """Return the local unknowns (n_local,) of nodal fields; the inverse of `split`."""
-        flow = np.empty((self.nodes.size, self.dof))
-        flow[:, :DIM] = np.transpose(velocity)
-        if self.has_fluidity:
-            flow[:, DIM] = fluidity
-        return np.concatenate([flow.ravel(), pressure])
+        """Return the local unknowns (n_local,) of nodal fields or numbers; inverts `split`."""
+        local = np.empty(self.n_local)
+        for part, values in zip(self.split(local), (velocity, fluidity, pressure)):
+            if part is not None:
+                part[:] = values
+        return local
 
     def field_sets(self):
         """Return {name: index set} of the fields that solvers may split. Collective."""
