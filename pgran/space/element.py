@@ -144,10 +144,7 @@ class Geometry:
 
 
 def least_determinant(x):
-    """Return the smallest determinant (n,) of the map of elements ``x`` (2, nodes, n), d^2.
-
-    It is the minimum over Gauss points and corners, and not positive in an inverted element.
-    """
+    """Return the minimum (n,) of the determinant over Gauss points and corners, d^2."""
     return _map(_ALL_SLOPES, x)[1].min(axis=0)
 
 

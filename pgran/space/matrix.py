@@ -84,9 +84,8 @@ def scatter_adds(begin, positions, lengths, known):
 class InPlaceMatrix:
     """An AIJ or BAIJ matrix whose element matrices are summed in PETSc's own arrays.
 
-    Its creation is collective. Prescribed rows and columns are empty; in a square matrix, where
-    ``rows`` is ``columns``, prescribed rows are rows of the identity. ``entries`` is the number of
-    entries of an element.
+    Its creation is collective. Prescribed rows and columns are empty; where ``rows`` is
+    ``columns``, prescribed rows are rows of the identity. ``entries`` counts those of an element.
 
     Parameters
     ----------
@@ -197,7 +196,7 @@ class InPlaceMatrix:
 
 
 def fill(parts, batches, evaluate):
-    """Fill several (InPlaceMatrix, PETSc.Mat) from the same element matrices. Collective.
+    """Fill pairs of InPlaceMatrix and PETSc.Mat from the same element matrices. Collective.
 
     ``evaluate(number, out)`` puts the entries of a batch of elements into ``out``, (n_all, n).
     """
@@ -212,10 +211,9 @@ def fill(parts, batches, evaluate):
 
 
 class Sparsity:
-    """The entries of the rows that a rank owns, row by row.
+    """The entries of the rows that a rank owns: all unknowns of the elements around each point.
 
-    A row of a node or corner has columns for the unknowns of all elements around it. ``rows`` and
-    ``columns`` are lists of `Lattice`, and ``start`` has the first entry of each row.
+    ``rows`` and ``columns`` are lists of `Lattice`; ``start`` has the first entry of each row.
     """
 
     def __init__(self, grid, rows, columns):
@@ -234,11 +232,7 @@ class Sparsity:
         self.start, self.size = np.concatenate(starts), int(n_entries)
 
     def chunks(self):
-        """Yield (rows, start, column) of some rows at a time, in their order.
-
-        ``rows`` is a slice of the owned rows, ``start`` (n + 1,) are their first entries in
-        ``column`` (m,), the local columns.
-        """
+        """Yield (slice of owned rows, their first entries (n + 1,), local columns (m,))."""
         first = 0
         for dof, _, _, reach, widths in self._blocks.values():
             n_points = len(widths[0])
@@ -323,10 +317,7 @@ _petsc = ctypes.CDLL(PETSc.__file__)  # linked to petsc4py
 
 @contextmanager
 def stored_values(matrix):
-    """Give the arrays of values of a matrix, for the columns of this rank and for the others.
-
-    Raises RuntimeError if PETSc's scalars are not real numbers in double precision.
-    """
+    """Give the arrays of values of a matrix, for the columns of this rank and for the others."""
     if np.dtype(PETSc.ScalarType) != np.float64:
         raise RuntimeError(f"PETSc was built with scalars of type {np.dtype(PETSc.ScalarType)}; "
                            "pgran needs real scalars in double precision")

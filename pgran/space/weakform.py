@@ -97,10 +97,9 @@ class Increment:
 
 
 class WeakForm:
-    """The discrete equations of a case on a grid.
+    """The discrete equations of a case on a grid. Its creation is collective.
 
-    All arrays of unknowns are local, (grid.n_local,), as `Grid.to_local` returns them. Only the
-    creation of a form, and methods that create or fill a matrix, are collective.
+    All arrays of unknowns are local, (grid.n_local,), as `Grid.to_local` returns them.
     """
 
     def __init__(self, grid, case):
@@ -213,19 +212,13 @@ class WeakForm:
     # Residual
 
     def residual(self, local, rate, increment):
-        """Return the residual of the owned rows, (n_owned,), from unknowns and their rates.
-
-        Rows of prescribed unknowns contain value minus prescribed value.
-        """
+        """Return the residual (n_owned,); prescribed unknowns have value minus prescribed value."""
         total = self.forces(local, rate, increment)
         total[self.held] = (local - increment.prescribed)[self.held]
         return total[self.grid.owned]
 
     def forces(self, local, rate, increment):
-        """Return the residual before the rows of prescribed unknowns are replaced, (n_local,).
-
-        At held nodes the velocity rows are the force on the material, stress times d.
-        """
+        """Return the residual (n_local,) with the forces on held nodes, stress times d."""
         grid = self.grid
         local = np.where(self.held, increment.prescribed, local)
         if any(self.storage.values()):
@@ -237,8 +230,7 @@ class WeakForm:
                 self._element_forces(local, rate, increment, number, forces)
                 for scatter in sums:
                     scatter.add(forces.ravel(), total)
-        velocity, _, _ = grid.split(total)
-        velocity -= increment.load
+        grid.split(total)[0][:] -= increment.load
         return total
 
     def _element_forces(self, local, rate, increment, number, out):
@@ -355,9 +347,9 @@ class WeakForm:
         return self._mass.create()
 
     def fluidity_defect(self, rows, increment):
-        """Return the residual of the fluidity equation at the nodes, (n_nodes,), gdot0. Collective.
+        """Return the fluidity ``rows`` of a `residual` over the lumped mass, (n_nodes,), gdot0.
 
-        ``rows`` (n_owned,) come from `residual`; they are divided by integrals of test functions.
+        Collective. Prescribed unknowns have 0.
         """
         grid, local, vector = self.grid, np.zeros(self.grid.n_local), self.grid.create_vector()
         local[grid.owned] = rows
