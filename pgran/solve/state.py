@@ -348,7 +348,8 @@ class TimeStep:
             else:
                 self._advection = Advection(form.grid, middle, x)
                 self.courant_number = self._advection.rate * dt
-            self._angle = dt * form.spin(middle, 0.5 * (state.x + x))
+            (_, l12), (l21, _) = form.grid.gradient(middle, 0.5 * (state.x + x))
+            self._angle = dt * ((l21 - l12) / 2.0)  # of the spin
             stresses = self.transport(state)
             self._previous_stress = stresses[0]
             factor, stress = state.past_stress(dt, stresses)

@@ -51,7 +51,7 @@ class CoarseCorrection:
     def setUp(self, pc):
         """Compute the coarse operator and set up M."""
         matrix, other = pc.getOperators()
-        first, parts = self._nest is None, range(len(self._up))
+        first, parts = not self._nest, range(len(self._up))
         if first:
             self._blocks, self._halves, self._matrix = {}, {}, PETSc.Mat()
             self._rest, self._fine = matrix.createVecs()

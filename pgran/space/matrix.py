@@ -85,7 +85,7 @@ class InPlaceMatrix:
     """An AIJ or BAIJ matrix whose element matrices are summed in PETSc's own arrays.
 
     Its creation is collective. Prescribed rows and columns are empty; where ``rows`` is
-    ``columns``, prescribed rows are rows of the identity. ``entries`` counts those of an element.
+    ``columns``, prescribed rows are rows of the identity. An element adds ``entries`` numbers.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class InPlaceMatrix:
     def create(self):
         """Return a new matrix of zeros, which belongs to the caller. Collective."""
         matrix, self._unused = self._unused, None
-        if matrix is None:
+        if not matrix:
             matrix = self._pattern(self._sparsity())
             matrix.zeroEntries()
         return matrix

@@ -43,7 +43,7 @@ def discretise(parameters, comm):
     if not model.solved:
         raise ParameterError("model", parameters.model,
                              "only the linear theory knows this model; the solver does not")
-    if model.needs_length and law.inverse_length_squared is None:
+    if model.needs_length and not law.inverse_length_squared:
         raise ParameterError("model", parameters.model, f"@law {parameters.law} has no "
                              "cooperativity length; use a local model such as li")
     case = cases.create(parameters)
@@ -204,11 +204,6 @@ class WeakForm:
         worst = excess.min(axis=0)[self.grid.elements.owned]
         return self.grid.comm.tompi4py().allreduce(float(worst.max(initial=0.0)), MPI.MAX)
 
-    def spin(self, velocity, x):
-        """Return the spin (d v2/d x1 - d v1/d x2)/2, (points, n), of a nodal velocity."""
-        (_, l12), (l21, _) = self.grid.gradient(velocity, x)
-        return (l21 - l12) / 2.0
-
     # Residual
 
     def residual(self, local, rate, increment):
@@ -241,7 +236,7 @@ class WeakForm:
         weight = p.geometry.weight
         slopes = element.SHAPE_SLOPE.reshape(DIM * POINTS, NODES).T
         case, density = self.case, self.storage["velocity"]
-        bodies = None if case.body_force is None else case.body_force(p.x) * weight
+        bodies = case.body_force(p.x) * weight if case.body_force else None
 
         def store(rows, coefficient):
             rates = element.SHAPE @ rate[unknowns[rows]]
