@@ -35,9 +35,9 @@ def owned(grid, values):
 
 # Flows: the grid, its nodes and the velocity
 
-def straight(comm, n=6, slope=0.0):
+def straight(comm, slope=0.0):
     """Uniform flow along a periodic layer of squares, or obliquely through its walls."""
-    grid = Grid(comm, (n, 4), (True, False))
+    grid = Grid(comm, (6, 4), (True, False))
     x = nodes_of(grid)
     return grid, x, np.array([np.ones_like(x[0]), np.full_like(x[0], slope)])
 
@@ -49,15 +49,6 @@ def channel(comm):
     return grid, x, np.array([np.ones_like(x[0]), np.full_like(x[0], -0.7)])
 
 
-def graded(comm):
-    """Shear along a layer that is graded across, with both directions of flow."""
-    grid = Grid(comm, (6, 4), (True, False))
-    x = nodes_of(grid)
-    corner = np.stack([np.floor(x[1]), np.ceil(x[1])]) / 4.0
-    x[1] = 4.0 * (corner**2 / (corner**2 + (1.0 - corner)**2)).mean(axis=0)
-    return grid, x, np.array([x[1] - 1.5, 0.0 * x[1]])
-
-
 def distorted(comm, n=6):
     """Oblique uniform flow through a periodic cell of curved elements."""
     grid = Grid(comm, (n, n), (True, True))
@@ -67,13 +58,12 @@ def distorted(comm, n=6):
     return grid, x, np.array([np.ones_like(a), np.full_like(a, 0.7)])
 
 
-def ring(comm, n=8, shear=1.0):
-    """A ring that turns counterclockwise, rigidly without ``shear``; i counts clockwise."""
-    grid = Grid(comm, (n, n // 2), (True, False))
-    index = nodes_of(grid)
-    r, angle = 2.0 + 8.0 / n * index[1] / 4.0, -2.0 * np.pi * (grid.nodes.i % (2 * n)) / (2 * n)
+def ring(comm):
+    """A sheared ring that turns counterclockwise; i counts clockwise."""
+    grid = Grid(comm, (8, 4), (True, False))
+    r, angle = 2.0 + nodes_of(grid)[1] / 4.0, -2.0 * np.pi * (grid.nodes.i % 16) / 16
     x = r * np.array([np.cos(angle), np.sin(angle)])
-    return grid, x, np.array([-x[1], x[0]]) * (1.0 + shear * (2.0 - r))
+    return grid, x, np.array([-x[1], x[0]]) * (3.0 - r)
 
 
 def vortex(comm):
@@ -85,13 +75,12 @@ def vortex(comm):
 
 
 FLOWS = {"straight": straight, "oblique": lambda comm: straight(comm, slope=0.7),
-         "channel": channel, "graded": graded, "distorted": distorted, "ring": ring,
-         "vortex": vortex}
+         "channel": channel, "distorted": distorted, "ring": ring, "vortex": vortex}
 
 
 # Stability
 
-@pytest.mark.parametrize("courant", [0.01, 0.05, 0.2, 0.5, 1.0, 2.5])
+@pytest.mark.parametrize("courant", [0.01, 0.2, 1.0, 2.5])
 @pytest.mark.parametrize("flow", FLOWS)
 def test_no_disturbance_grows_at_any_courant_number(flow, courant):
     grid, x, velocity = FLOWS[flow](PETSc.COMM_SELF)
@@ -108,29 +97,20 @@ def test_no_disturbance_grows_at_any_courant_number(flow, courant):
 # Accuracy
 
 @pytest.mark.parametrize("courant", [0.3, 1.2])
-@pytest.mark.parametrize("flow", ["distorted", "ring"])
-def test_a_smooth_field_is_transported_with_third_order(flow, courant):
-    """A wave in a periodic cell, and a field that rotates with a ring."""
-    errors, time = [], 1.0
+def test_a_smooth_field_is_transported_with_third_order(courant):
+    def exact(x, t):
+        a, b = 2.0 * np.pi / 6.0 * (x - t * np.array([1.0, 0.7]).reshape(2, 1, 1))
+        return np.sin(a) + np.cos(a + b)
+
+    errors = []
     for n in (16, 32):
-        if flow == "ring":
-            grid, x, velocity = ring(PETSc.COMM_WORLD, n, shear=0.0)
-
-            def exact(x, t):
-                angle = np.arctan2(x[1], x[0]) - t
-                return np.hypot(*x) * np.cos(2.0 * angle)
-        else:
-            grid, x, velocity = distorted(PETSc.COMM_WORLD, n)
-
-            def exact(x, t):
-                a, b = 2.0 * np.pi / 6.0 * (x - t * np.array([1.0, 0.7]).reshape(2, 1, 1))
-                return np.sin(a) + np.cos(a + b)
+        grid, x, velocity = distorted(PETSc.COMM_WORLD, n)
         scheme = Advection(grid, velocity, x)
-        steps = round(scheme.rate * time / courant)
+        steps = round(scheme.rate / courant)
         fields = at_points(grid, x, lambda x: exact(x, 0.0))[None]
         for _ in range(steps):
-            fields = scheme.advect(fields, time / steps)
-        error = owned(grid, fields[0] - at_points(grid, x, lambda x: exact(x, time)))
+            fields = scheme.advect(fields, 1.0 / steps)
+        error = owned(grid, fields[0] - at_points(grid, x, lambda x: exact(x, 1.0)))
         errors.append(COMM.allreduce(np.abs(error).max(initial=0.0), MPI.MAX))
     assert errors[1] < 2e-3
     assert np.log2(errors[0] / errors[1]) > 2.7
@@ -147,8 +127,7 @@ def test_entering_material_has_the_mean_of_the_element_that_it_enters():
     low, high = (COMM.allreduce(part, how) for part, how in (
         (inside.min(initial=np.inf), MPI.MIN), (inside.max(initial=-np.inf), MPI.MAX)))
     # By now the value of the element at the corner of inflow, (0, 4), fills the domain.
-    assert high - low < 1e-10
-    assert -0.5 < low < 1.5
+    assert high - low < 1e-10 and -0.5 < low < 1.5
 
 
 @pytest.mark.parametrize("flow", FLOWS)
@@ -162,7 +141,7 @@ def test_integrals_and_uniform_fields_are_conserved_on_any_number_of_ranks(flow)
         end = scheme.advect(start, 0.7)
         found.append((grid, scheme.rate, end))
     np.testing.assert_allclose(end[2], -2.0, rtol=1e-13)
-    if flow in ("straight", "graded", "distorted", "vortex"):  # closed or periodic
+    if flow in ("straight", "distorted", "vortex"):  # closed or periodic
         weight = owned(grid, Geometry(x[:, grid.element_nodes]).weight)
         totals = [COMM.allreduce((weight * owned(grid, fields[0])).sum())
                   for fields in (start, end)]
@@ -186,7 +165,7 @@ def test_transport_and_rotation_of_stress_have_second_order_in_time():
     phase, across = np.pi * x[0] / 2.0, x[1] * (4.0 - x[1]) / 4.0
     velocity = np.array([1.0 + np.sin(phase) * (4.0 - 2.0 * x[1]) / 4.0,
                          -np.pi / 2.0 * np.cos(phase) * across])
-    local = grid.join(velocity, np.ones(grid.nodes.size), np.ones(grid.corners.size))
+    local = grid.join(velocity, 1.0, 1.0)
     found = []
     for steps in (8, 16, 32):
         stress = form.no_stress() + np.array([1.0, -1.0, 0.5]).reshape(-1, 1, 1)
@@ -204,8 +183,7 @@ def test_both_stresses_of_a_state_are_transported_and_rotated():
     form = discretised(case="annular_shear", inner_radius=3, outer_radius=6, element_size=1)
     grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    local = grid.join(np.array([-x[1], x[0]]), np.ones(grid.nodes.size),
-                      np.ones(grid.corners.size))
+    local = grid.join([-x[1], x[0]], 1.0, 1.0)
     dt = 0.1
 
     def turned(t):
@@ -230,10 +208,9 @@ def test_both_stresses_of_a_state_are_transported_and_rotated():
 
 def test_a_chute_stays_uniform_along_its_flow(tmp_path):
     path, end, dt = tmp_path / "chute.h5", 60.0, 0.5
-    options = {"model": "li", "gravity": 0.06, "width": 20, "height": 2, "element_size": 1,
-               "step_max": dt, "end_time": end, "snapshots": end}
-    pgran(0, "vertical_chute.opts", path, "-ts_type", "beuler",
-          *[text for name, value in options.items() for text in (f"-pgran_{name}", value)])
+    pgran(0, "vertical_chute.opts", path, "-ts_type", "beuler", "-pgran_model", "li",
+          "-pgran_gravity", 0.06, "-pgran_width", 20, "-pgran_height", 2, "-pgran_element_size", 1,
+          "-pgran_step_max", dt, "-pgran_end_time", end, "-pgran_snapshots", end)
     with h5py.File(path) as file:
         shear = file["snapshots/0000/stress_tensor"][..., DIM]
         speed = np.abs(file["snapshots/0000/velocity"][...]).max()

@@ -142,5 +142,6 @@ def test_pseudo_time_leaves_the_root_at_the_yield_value():
         stress = start.stress * law.mu_s / form.material.stress_ratio
         driver = Driver(form, State(0.0, start.x, local, stress), lambda *_: None, steady=True)
         driver.solve()
-        mu = form.stress_ratio(driver.state.local, driver._accepted[2])
+        mu = form.collect(driver.state.local, driver._accepted[2],
+                          lambda p: p.response.stress_ratio)
         assert np.abs(mu - form.material.stress_ratio).max() < 1e-6

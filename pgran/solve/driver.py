@@ -532,7 +532,7 @@ class Driver:
         form, x = self.form, self.state.x
         speed, fields = velocity(form, local, x), diagnostics.nodal_fields(
             form, local, increment)
-        deviator = np.array([form.grid.at_nodes(part) for part in self.state.stress])
+        deviator = form.grid.at_nodes(self.state.stress)
         pressure = np.multiply.outer([1.0, 1.0, 0.0], fields["pressure"])
         return {"coordinates": x, "velocity": speed, **fields, "deviator": deviator,
                 "stress_tensor": deviator - pressure, **diagnostics.nodal_strains(form, speed, x)}

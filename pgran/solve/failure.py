@@ -119,8 +119,8 @@ def _undefined(form, increment, local):
     """Return where the unknowns leave the range of the law; None if the rheology is defined."""
     # Ghost elements beyond the ends of the domain are images of owned elements.
     owned = form.grid.elements.owned
-    pressure, mu = (values[:, owned] for values in (form.pressure(local, increment),
-                                                    form.stress_ratio(local, increment)))
+    pressure, mu = form.collect(
+        local, increment, lambda p: np.array([p.P, p.response.stress_ratio]))[..., owned]
 
     def place(index):
         q, e = np.unravel_index(index, mu.shape)

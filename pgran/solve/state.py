@@ -91,7 +91,7 @@ class State:
         """Return velocity, pressure, perhaps fluidity, and deviator at nodes, {name: (..., n)}."""
         velocity, fluidity, pressure = form.grid.split(self.local)
         fields = {"velocity": velocity, "pressure": form.grid.corner_field(pressure),
-                  "deviator": np.array([form.grid.at_nodes(part) for part in self.stress])}
+                  "deviator": form.grid.at_nodes(self.stress)}
         return fields if fluidity is None else {**fields, "fluidity": fluidity}
 
     # Checkpoints, for any number of ranks
@@ -347,8 +347,9 @@ class TimeStep:
                 x = state.x + dt * middle
             else:
                 self._advection = Advection(form.grid, middle, x)
-                self.courant_number = self._advection.courant_number(dt)
-            self._angle = dt * form.spin(middle, 0.5 * (state.x + x))
+                self.courant_number = self._advection.rate * dt
+            (_, l12), (l21, _) = form.grid.gradient(middle, 0.5 * (state.x + x))
+            self._angle = dt * ((l21 - l12) / 2.0)  # of the spin
             stresses = self.transport(state)
             self._previous_stress = stresses[0]
             factor, stress = state.past_stress(dt, stresses)

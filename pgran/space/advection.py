@@ -1,14 +1,13 @@
 """Transport of fields at the Gauss points through a fixed mesh, ds/dt + v.grad s = 0.
 
 The scheme is the upwind discontinuous Galerkin method with biquadratic elements and the Gauss
-points as nodes, so that its mass matrix is diagonal::
+points as nodes, whose mass matrix is diagonal::
 
     (w, ds/dt) = -(w, v.grad s) - <w, max(-v.n, 0) (s - s_upwind)>
 
 The last term is the integral over the sides of an element, n is the outward normal, and s_upwind is
 the value on the other side. The third-order Runge-Kutta method takes as many substeps as stability
-requires, so that a step may have any size. The order is 3 in space and time, and a uniform field
-remains uniform to rounding.
+requires. The order is 3 in space and time, and a uniform field remains uniform to rounding.
 """
 
 import math
@@ -32,21 +31,20 @@ TABLE = np.concatenate([*(slope @ GAUSS_TO_NODES for slope in SHAPE_SLOPE), *TRA
 MEAN = WEIGHTS / WEIGHTS.sum()
 
 
+def _inflow(name, axis, sign, velocity, x):
+    """The weighted inflow (side points, m) through a side of m elements, d^2 gdot0."""
+    rule = SIDES[name]
+    (v1, v2), (t1, t2) = rule.shape @ velocity, rule.slope[1 - axis] @ x
+    along = (v1 * t2 - v2 * t1) * (1, -1)[axis]
+    return rule.weights[:, None] * np.maximum(-sign * along, 0.0)
+
+
 class Advection:
     """Advects fields at the Gauss points with a flow through a fixed mesh. Collective.
 
-    Where material enters the domain, it has the mean value of the element that it enters.
-
-    Parameters
-    ----------
-    grid : pgran.space.grid.Grid
-    velocity, x : ndarray, (2, n_nodes)
-        Velocity of the material, d gdot0, and coordinates of the nodes, d.
-
-    Attributes
-    ----------
-    rate : float
-        Largest number of elements that material crosses per time, along i plus along j, gdot0.
+    Material that enters the domain has the mean value of the element that it enters. ``velocity``,
+    d gdot0, and ``x``, d, are (2, n_nodes). ``rate`` is the largest number of elements that
+    material crosses per time, along i plus along j, gdot0.
     """
 
     def __init__(self, grid, velocity, x):
@@ -59,27 +57,14 @@ class Advection:
         self._speed = np.einsum("irqe,iqe->rqe", geometry.inverse, SHAPE @ velocity)
         crossed = np.abs(self._speed).sum(axis=0).max(initial=0.0) / 2.0
         self.rate = grid.comm.tompi4py().allreduce(crossed, MPI.MAX)
-        self._inflow = np.array([self._inflow_through(*face, velocity, x) for face in FACES])
-        index = cells.i[cells.owned], cells.j[cells.owned]
+        self._inflow = np.array([_inflow(*face, velocity, x) for face in FACES])
         self._at_wall = np.array([
-            (index[axis] == (0 if sign < 0 else grid.shape[axis] - 1)) & (not grid.periodic[axis])
-            for _, axis, sign in FACES])
-
-    @staticmethod
-    def _inflow_through(name, axis, sign, velocity, x):
-        """The weighted inflow (side points, m) through a side of m elements, d^2 gdot0."""
-        rule = SIDES[name]
-        (v1, v2), (t1, t2) = rule.shape @ velocity, rule.slope[1 - axis] @ x
-        along = (v1 * t2 - v2 * t1) * (1, -1)[axis]
-        return rule.weights[:, None] * np.maximum(-sign * along, 0.0)
-
-    def courant_number(self, dt):
-        """Return the largest number of elements that material crosses in ``dt``, 1/gdot0."""
-        return self.rate * dt
+            (grid.layer(name)[cells.owned] == 0) & (not grid.periodic[axis])
+            for name, axis, _ in FACES])
 
     def advect(self, fields, dt):
         """Return fields (k, points, n) after a time ``dt``, 1/gdot0. Collective."""
-        count = max(1, math.ceil(self.courant_number(dt) / SUBSTEP))
+        count = max(1, math.ceil(self.rate * dt / SUBSTEP))
         h, values = dt / count, fields[..., self.grid.elements.owned]
         for _ in range(count):
             middle = values + h / 3.0 * self._slope(values)

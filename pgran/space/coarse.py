@@ -1,9 +1,8 @@
 """A coarse grid for velocity, fluidity and pressure together, combined with any preconditioner.
 
-Long waves that grow make the entire system indefinite, including the pressure Schur complement. A
-wide specimen has many of these waves. With ``-pgran_coarse_correction`` they are resolved by the
-Galerkin operator of all three fields on the coarsest grid that represents them, before the
-preconditioner M chosen by the options::
+Long waves that grow make the entire system indefinite, including the pressure Schur complement.
+With ``-pgran_coarse_correction`` they are resolved by the Galerkin operator of all three fields on
+the coarsest grid that represents them, before the preconditioner M chosen by the options::
 
     z = Q r,      y = z + M (r - A z),      Q = P (P^T A P)^-1 P^T
 
@@ -11,7 +10,7 @@ P interpolates like the elements: quadratically at the nodes, linearly at the co
 the prefix ``coarse_`` choose the solver of the coarse system.
 """
 
-from functools import reduce
+from itertools import product
 
 from petsc4py import PETSc
 
@@ -35,7 +34,7 @@ class CoarseCorrection:
         self.inner = inner
         inner.setDM(dm)
         self._nest = None
-        levels = (multigrid.node_level(form, multigrid.flow_fields(form)),
+        levels = (multigrid.flow_level(form),
                   multigrid.corner_level(form))
         self._up = [_interpolation(level, multigrid.resolving(form)) for level in levels]
         nodes, corners = self._up
@@ -52,11 +51,11 @@ class CoarseCorrection:
     def setUp(self, pc):
         """Compute the coarse operator and set up M."""
         matrix, other = pc.getOperators()
-        first, parts = self._nest is None, range(len(self._up))
+        first, parts = not self._nest, range(len(self._up))
         if first:
             self._blocks, self._halves, self._matrix = {}, {}, PETSc.Mat()
             self._rest, self._fine = matrix.createVecs()
-        for a, b in ((a, b) for a in parts for b in parts):
+        for a, b in product(parts, parts):
             half = self._halves[a, b] = matrix.getNestSubMatrix(a, b).matMult(
                 self._up[b], result=self._halves.get((a, b)))
             self._blocks[a, b] = self._up[a].transposeMatMult(
@@ -86,10 +85,10 @@ class CoarseCorrection:
 
 
 def _interpolation(level, times):
-    """The interpolation to a level from the grid after ``times`` coarsenings. Collective."""
-    steps = []
+    """The interpolation to a level from the grid after ``times`` >= 1 coarsenings."""
+    up = None
     for _ in range(times):
-        coarser = level.coarser()
-        steps.append(coarser.interpolation(level))
-        level = coarser
-    return reduce(lambda up, more: up.matMult(more), steps)
+        fine, level = level, level.coarser()
+        more = level.interpolation(fine)
+        up = up.matMult(more) if up else more
+    return up

@@ -11,39 +11,36 @@ VANISHING = 1e-3
 
 
 def nodal_strains(form, velocity, x):
-    """Return the `strain_fields` at the nodes, {name: ndarray}, from the Gauss points.
+    """Return the `strain_fields` at the nodes, {name: (n_nodes,) or (3, n_nodes)}.
 
-    ``strain_rate_tensor`` (3, n_nodes) and ``spin`` (n_nodes,), and where the mesh moves
-    ``strain_tensor`` (3, n_nodes) and ``volume_change`` (n_nodes,) since the start, complete at
-    owned nodes. ``velocity``, in d gdot0, and the nodes ``x``, in d, are (2, n_nodes).
+    The strain since the start belongs to moving meshes only. ``velocity``, in d gdot0, and the
+    nodes ``x``, in d, are (2, n_nodes).
     """
     grid, start = form.grid, None
     if form.case.moving:
         start = grid.gradient(x, form.case.coordinates(grid.nodes.i, grid.nodes.j))
     found = strain_fields(grid.gradient(velocity, x), start)
-    return {name: grid.at_nodes(values) if values.ndim == 2 else np.array(
-        [grid.at_nodes(part) for part in values]) for name, values in found.items()}
+    return {name: grid.at_nodes(values) for name, values in found.items()}
 
 
 def nodal_fields(form, local, increment):
     """Return ``fluidity``, ``pressure``, ``inertial_number`` and ``stress_ratio`` at the nodes.
 
-    Arrays (n_nodes,), complete at owned nodes. mu comes from the Gauss points by `Grid.at_nodes`.
-    For NGF g is nodal and I = g mu/s. Where the nodal pressure and s vanish, and for LI, I and g
-    come from the Gauss points too.
+    Arrays (n_nodes,), complete at owned nodes. For NGF g is nodal and I = g mu/s. mu, and for LI
+    and where the nodal pressure vanishes also I and g, come from the Gauss points.
     """
     grid = form.grid
     _, fluidity, corners = grid.split(local)
     pressure = grid.corner_field(corners)
-    mu, I = (grid.at_nodes(part) for part in (form.stress_ratio(local, increment),
-                                              form.inertial_number(local, increment)))
+    values = form.collect(local, increment, lambda p: np.array([
+        p.response.stress_ratio, p.response.inertial_number, p.response.fluidity,
+        np.broadcast_to(p.P.mean(axis=0), p.P.shape)]))
+    mu, I, smooth_fluidity, mean_pressure = grid.at_nodes(values)
     if grid.has_fluidity:
-        P = form.pressure(local, increment)
-        around = grid.at_nodes(np.broadcast_to(P.mean(axis=0), P.shape))
-        chosen = pressure > VANISHING * around
+        chosen = pressure > VANISHING * mean_pressure
         I[chosen] = (fluidity * mu)[chosen] / form.material.inverse_time(pressure[chosen])
     else:
-        fluidity = grid.at_nodes(form.collect(local, increment, lambda p: p.response.fluidity))
+        fluidity = smooth_fluidity
     return {"fluidity": fluidity, "pressure": pressure, "inertial_number": I, "stress_ratio": mu}
 
 
@@ -55,15 +52,13 @@ def power(form, local, forces, increment):
         received   = sum over held nodes f.v + <t, v> + (b, v) + (sigma, L_0)
         dissipated = (sigma', D_p) = (g mu, mu P)
 
-    ``forces`` (n_local,) come from `WeakForm.forces`. Of the solution, the received power is the
-    sum of the dissipated power and the rate of the stored energy. Both are in stress d^2 gdot0 per
-    unit depth.
+    ``forces`` (n_local,) come from `WeakForm.forces`. The received power is the sum of the
+    dissipated power and the rate of the stored energy, in stress d^2 gdot0 per unit depth.
     """
     grid, case = form.grid, form.case
     base = case.base_gradient
-    local = np.where(form.held, increment.prescribed, local)
-    velocity, _, _ = grid.split(local)
-    reactions, _, _ = grid.split(np.where(form.held, forces, 0.0))
+    velocity = grid.split(np.where(form.held, increment.prescribed, local))[0]
+    reactions = grid.split(np.where(form.held, forces, 0.0))[0]
     received = ((reactions + increment.load) * velocity)[:, grid.nodes.owned].sum()
 
     def densities(p):
@@ -85,8 +80,7 @@ def power(form, local, forces, increment):
 def stored_energy(form, local, stress, geometry):
     """Return the stored energy and the volume, stress d^2 and d^2 per unit depth. Collective.
 
-    The energy is sigma':sigma'/(4 G) of the deviator ``stress`` (3, points, n), and with
-    inertia also phi rho_s v^2/2.
+    The energy is sigma':sigma'/(4 G) and, with inertia, phi rho_s v^2/2.
     """
     s11, s22, s12 = stress
     energy = (s11**2 + s22**2 + 2.0 * s12**2) / (4.0 * form.material.G)
@@ -99,19 +93,13 @@ def stored_energy(form, local, stress, geometry):
 
 
 def integrals(grid, nodal, geometry):
-    """Return the integrals of Q2 fields (k, n_nodes) and of 1 over the elements of this rank.
-
-    (k + 1,), times d^2 per unit depth.
-    """
+    """Return the integrals (k + 1,) of Q2 fields (k, n_nodes) and 1 over this rank's elements."""
     nodal = np.array([*nodal, np.ones(nodal.shape[1])])
     return _over_elements(grid, geometry.weight * (element.SHAPE @ nodal[:, grid.element_nodes]))
 
 
 def side_integrals(grid, nodal, x, side):
-    """Return the integrals along a side of nodal fields (k, n_nodes) and of 1, (k + 1,), times d.
-
-    They are over the elements that this rank owns; ``x`` (2, n_nodes) are the nodes.
-    """
+    """Return the integrals (k + 1,) of the same along a side of this rank's elements."""
     owned = np.isin(grid.side_elements(side), grid.elements.owned)
     nodes = grid.side_nodes(side)[:, owned]
     length = element.WEIGHTS_1D[:, None] * np.hypot(*(element.SIDE_SLOPE @ x[:, nodes]))
@@ -120,10 +108,7 @@ def side_integrals(grid, nodal, x, side):
 
 
 def reaction(grid, forces, side):
-    """Return the force (2,) of a side on the owned nodes of the material, stress times d.
-
-    ``forces`` (n_local,) come from `WeakForm.forces`.
-    """
+    """Return the force (2,) of a side on the owned nodes, from `WeakForm.forces`."""
     nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
     return grid.split(forces)[0][:, nodes].sum(axis=1)
 

@@ -34,66 +34,52 @@ def linear(x):
     return np.hstack([1.0 - x, 1.0 + x]) / 2.0
 
 
-_N, _DN = quadratic(GAUSS_1D)
-_L = linear(GAUSS_1D)
-
-
 def _tensor(second, first):
     """Tensor product of functions of x2 and of x1, with x1 fastest in points and nodes."""
     return np.einsum("qb,pa->qpba", second, first).reshape(
         len(second) * len(first), second.shape[1] * first.shape[1])
 
 
-#: Q2 shape functions at the Gauss points, (points, nodes).
-SHAPE = _tensor(_N, _N)
-#: Their reference derivatives, (directions, points, nodes).
-SHAPE_SLOPE = np.array([_tensor(_N, _DN), _tensor(_DN, _N)])
-#: Q1 shape functions at the Gauss points, (points, corners).
-CORNER_SHAPE = _tensor(_L, _L)
-#: Q1 shape functions at the Q2 nodes, (nodes, corners).
-CORNER_AT_NODES = _tensor(linear([-1.0, 0.0, 1.0]), linear([-1.0, 0.0, 1.0]))
-#: Reference derivatives of the Q2 shape functions at the corners, (directions, corners, nodes).
-_ENDS = quadratic([-1.0, 1.0])
-CORNER_SLOPE_Q2 = np.array([_tensor(_ENDS[0], _ENDS[1]), _tensor(_ENDS[1], _ENDS[0])])
-#: Gauss weights, (points,).
-WEIGHTS = np.outer(WEIGHTS_1D, WEIGHTS_1D).ravel()
-#: Values at the Q2 nodes of the biquadratic through the Gauss points, (nodes, points).
-GAUSS_TO_NODES = np.linalg.inv(SHAPE)
-#: Shape functions and slopes of a side at its three Gauss points, (3 points, 3 nodes).
-SIDE_SHAPE, SIDE_SLOPE = _N, _DN
-
-
 class Rule(NamedTuple):
-    """Points of an element, and tables at these points.
+    """Shape functions at points of an element, and quadrature weights."""
 
-    It has Q2 shape functions ``shape`` (points, nodes) and their slopes ``slope`` (directions,
-    points, nodes), Q1 functions ``corner_shape`` (points, corners), interpolation ``from_gauss``
-    (points, Gauss points) and quadrature ``weights`` (points,).
-    """
+    shape: np.ndarray  #: Q2 functions, (points, nodes).
+    slope: np.ndarray  #: Their reference derivatives, (directions, points, nodes).
+    corner_shape: np.ndarray  #: Q1 functions, (points, corners).
+    weights: np.ndarray  #: (points,).
 
-    shape: np.ndarray
-    slope: np.ndarray
-    corner_shape: np.ndarray
-    from_gauss: np.ndarray
-    weights: np.ndarray
+    @property
+    def from_gauss(self):
+        """Interpolation from the Gauss points, (points, Gauss points)."""
+        return self.shape @ GAUSS_TO_NODES
+
+
+def _rule(first, second, weights):
+    """The `Rule` of the points ``first`` along x1 and ``second`` along x2."""
+    (n_1, d_1), (n_2, d_2) = quadratic(first), quadratic(second)
+    return Rule(_tensor(n_2, n_1), np.array([_tensor(n_2, d_1), _tensor(d_2, n_1)]),
+                _tensor(linear(second), linear(first)), np.outer(*weights[::-1]).ravel())
 
 
 #: The Gauss points of the volume.
-VOLUME = Rule(SHAPE, SHAPE_SLOPE, CORNER_SHAPE, np.eye(POINTS), WEIGHTS)
+VOLUME = _rule(GAUSS_1D, GAUSS_1D, (WEIGHTS_1D, WEIGHTS_1D))
+SHAPE, SHAPE_SLOPE, CORNER_SHAPE, WEIGHTS = VOLUME
+#: Q1 shape functions at the Q2 nodes, (nodes, corners).
+CORNER_AT_NODES = _tensor(linear([-1.0, 0.0, 1.0]), linear([-1.0, 0.0, 1.0]))
+#: Reference derivatives of the Q2 functions at Gauss points and corners.
+_ALL_SLOPES = np.concatenate([SHAPE_SLOPE, _rule([-1.0, 1.0], [-1.0, 1.0], np.ones((2, 2))).slope],
+                             axis=1)
+#: Values at the Q2 nodes of the biquadratic through the Gauss points, (nodes, points).
+GAUSS_TO_NODES = np.linalg.inv(SHAPE)
+#: Shape functions and slopes of a side at its three Gauss points, (3 points, 3 nodes).
+SIDE_SHAPE, SIDE_SLOPE = quadratic(GAUSS_1D)
 
 
 def _across(axis, points, weights):
-    """The `Rule` of ``points`` and ``weights`` (n,) along reference direction ``axis``.
-
-    Its points along the other direction are Gauss points.
-    """
+    """The `Rule` with ``points`` (n,) across ``axis``, and Gauss points along the other one."""
     positions, factors = [GAUSS_1D, GAUSS_1D], [WEIGHTS_1D, WEIGHTS_1D]
-    positions[axis], factors[axis] = np.asarray(points), np.asarray(weights)
-    (first, first_slope), (second, second_slope) = map(quadratic, positions)
-    shape = _tensor(second, first)
-    return Rule(shape, np.array([_tensor(second, first_slope), _tensor(second_slope, first)]),
-                _tensor(linear(positions[1]), linear(positions[0])), shape @ GAUSS_TO_NODES,
-                np.outer(factors[1], factors[0]).ravel())
+    positions[axis], factors[axis] = points, weights
+    return _rule(*positions, factors)
 
 
 #: The reference direction across each side, and its value there.
@@ -103,43 +89,38 @@ SIDES = {side: _across(axis, [end], [1.0]) for side, (axis, end) in ENDS.items()
 
 
 def _root_rule(side):
-    """The `Rule` that integrates functions of the root of the distance to a side.
+    """The `Rule` for functions of the root of the distance, 2 s^2, to a side.
 
-    With the distance 2 s^2, three Gauss points in s are exact for powers -1 to 4 of the root.
+    Three Gauss points in s are exact for powers -1 to 4 of the root.
     """
     (axis, end), s = ENDS[side], (1.0 + GAUSS_1D) / 2.0
     return _across(axis, end * (1.0 - 2.0 * s**2), 2.0 * s * WEIGHTS_1D)
 
 
-def _layers(side):
-    fine = _across(ENDS[side][0], *np.polynomial.legendre.leggauss(6))
-    return [_root_rule(side), fine, fine, fine]
-
-
 #: The rules of the fluidity source in the first layers of elements below a free surface. In the
-#: layer that touches it the source is singular. Behind it the source is smooth, but three Gauss
-#: points leave an error that falls with the sixth power of the distance, and six points do not.
-SURFACES = {side: _layers(side) for side in ENDS}
+#: layer that touches it the source is singular. Behind it three Gauss points leave an error that
+#: falls with the sixth power of the distance, and six points do not.
+SURFACES = {side: [_root_rule(side)] + 3 * [
+    _across(axis, *np.polynomial.legendre.leggauss(6))] for side, (axis, _) in ENDS.items()}
+
+
+def _map(slope, x):
+    """The derivatives [[d x1/d xi_1, d x1/d xi_2], ...] and the determinant of the map."""
+    (x_1, x_2), (y_1, y_2) = ([slope[r] @ x[i] for r in range(DIM)] for i in range(DIM))
+    return ((x_1, x_2), (y_1, y_2)), x_1 * y_2 - x_2 * y_1
 
 
 class Geometry:
     """The map of quadrilaterals with nodes ``x`` (2, nodes, n), d, at the points of a `Rule`.
 
-    The attributes are NaN in inverted elements, which a solver treats as a failed evaluation.
-
-    Attributes
-    ----------
-    inverse : ndarray, (2, 2, points, n)
-        inverse[i, r] = d xi_r / d x_i, 1/d.
-    weight : ndarray, (points, n)
-        Gauss weight times the determinant of the map, d^2.
+    ``inverse`` (2, 2, points, n) is d xi_r/d x_i, 1/d, with r second, and ``weight`` (points, n)
+    is the quadrature weight times the determinant, d^2. Both are NaN in inverted elements, which a
+    solver treats as a failed evaluation.
     """
 
     def __init__(self, x, rule=VOLUME):
         self.rule = rule
-        (x_1, x_2), (y_1, y_2) = (
-            [rule.slope[r] @ x[i] for r in range(2)] for i in range(2))
-        det = x_1 * y_2 - x_2 * y_1
+        ((x_1, x_2), (y_1, y_2)), det = _map(rule.slope, x)
         det[~(det > 0.0)] = np.nan
         self.inverse = np.array([[y_2, -y_1], [-x_2, x_1]]) / det
         self.weight = rule.weights[:, None] * det
@@ -163,25 +144,16 @@ class Geometry:
 
 
 def least_determinant(x):
-    """Return the smallest determinant (n,) of the map of elements ``x`` (2, nodes, n), d^2.
-
-    It is the minimum over Gauss points and corners, and not positive in an inverted element.
-    """
-    slope = np.concatenate([SHAPE_SLOPE, CORNER_SLOPE_Q2], axis=1)
-    (x_1, x_2), (y_1, y_2) = ([slope[r] @ x[i] for r in range(DIM)] for i in range(DIM))
-    return (x_1 * y_2 - x_2 * y_1).min(axis=0)
+    """Return the minimum (n,) of the determinant over Gauss points and corners, d^2."""
+    return _map(_ALL_SLOPES, x)[1].min(axis=0)
 
 
 def side_force(x, traction):
     """Return the nodal forces (2, 3, n) of a traction on the sides of n elements, stress times d.
 
-    Parameters
-    ----------
-    x : ndarray, (2, 3, n)
-        Coordinates of the nodes of the sides, d, in the order of `SIDE_NODES`.
-    traction : callable
-        ``traction(x, area)`` returns the force (2, 3, n) on pieces of the side at points (2, 3, n),
-        whose outward normals times length are ``area`` (2, 3, n).
+    ``x`` (2, 3, n) are the nodes of the sides, d, in the order of `SIDE_NODES`, and
+    ``traction(x, area)`` the force (2, 3, n) on pieces of the sides at points (2, 3, n), whose
+    outward normals times length are ``area`` (2, 3, n).
     """
     tangent = np.einsum("qa,ian->iqn", SIDE_SLOPE, x)
     force = traction(np.einsum("qa,ian->iqn", SIDE_SHAPE, x),
@@ -195,10 +167,9 @@ def _table(left, right, pattern):
     return np.ascontiguousarray(product.reshape(product.shape[0] * product.shape[1], -1))
 
 
-# An entry of an element matrix is a sum over Gauss points q and directions r, s of a factor that
-# belongs to the element times a product of shape functions that does not. These tables hold the
-# products, so that all entries of all elements come from single matrix products (pairs, factors)
-# @ (factors, elements).
+# An entry of an element matrix is a sum over Gauss points q and directions r, s of a factor of the
+# element times a product of shape functions. With tables of these products, all entries of all
+# elements are matrix products (pairs, factors) @ (factors, elements).
 SLOPE_SLOPE = _table(SHAPE_SLOPE, SHAPE_SLOPE, "rqa,sqb->abrsq")
 SLOPE_VALUE = _table(SHAPE_SLOPE, SHAPE, "rqa,qb->abrq")
 VALUE_SLOPE = _table(SHAPE, SHAPE_SLOPE, "qa,sqb->absq")

@@ -1,9 +1,8 @@
 """Galerkin operators of coarser grids, element by element: K_c = sum P_e^T K_e P_e.
 
-The spaces of the grids are nested, so the element matrix of a coarse element is a sum over the fine
-elements that it joins. While the fine matrix is filled, a rank sums the matrices of its own
-elements, level by level. Products of sparse matrices would double the memory of the fine matrix,
-and need AIJ, which multiplies more slowly than BAIJ.
+The element matrix of a coarse element is a sum over the fine elements that it joins. While the fine
+matrix is filled, a rank sums the matrices of its own elements, level by level. Products of sparse
+matrices would double the memory and need AIJ, which multiplies more slowly than BAIJ.
 """
 
 from contextlib import contextmanager
@@ -33,28 +32,21 @@ class GalerkinMatrix:
         their indices i and j, and their prescribed unknowns, field by field, (m, n) bool.
     blocked : bool
         Whether the matrix is BAIJ; AIJ otherwise.
-
-    Attributes
-    ----------
-    coarser : tuple of (GalerkinMatrix, PETSc.Mat), or None
-        The operator of the next coarser grid, which `filling` fills too.
-    held : ndarray of bool, (m, n)
-        The prescribed unknowns of the local coarse elements, field by field.
     """
 
-    #: It adds no entries to the entries of the fine matrix.
-    entries = 0
+    entries = 0  # it adds none to the entries of the fine matrix
+    #: (GalerkinMatrix, PETSc.Mat) of the next coarser grid, which `filling` fills too.
+    coarser = None
 
     def __init__(self, fine, coarse, batches, blocked=True):
-        self._level, self._dof, self._blocked, self.coarser = coarse, coarse.dof, blocked, None
+        self._level, self._dof, self._blocked = coarse, coarse.dof, blocked
         (of_x, kind_x, maps_x), (of_y, kind_y, maps_y) = (
             _children(fine, coarse, axis) for axis in range(2))
         i, j = (np.concatenate([batch[part] for batch in batches]) for part in (1, 2))
         corner, ends = (np.array([reach(of_x[i]), reach(of_y[j])]) for reach in (np.min, np.max))
         self._first, self._shape = corner, ends - corner + 1
         self._count = int(np.prod(self._shape))
-        self.held = self._held()
-        self._steps = []
+        self._held, self._steps = self._prescribed(), []
         for columns, i, j, held in batches:
             steps = []
             target = (of_y[j] - corner[1]) * self._shape[0] + of_x[i] - corner[0]
@@ -71,7 +63,7 @@ class GalerkinMatrix:
         """Return the local coarse elements as one of the ``batches`` of a coarser matrix."""
         columns = np.arange(self._count)
         j, i = np.divmod(columns, self._shape[0])
-        return columns, self._first[0] + i, self._first[1] + j, self.held
+        return columns, self._first[0] + i, self._first[1] + j, self._held
 
     def create(self):
         """Return a new matrix of zeros, which belongs to the caller. Collective."""
@@ -98,14 +90,11 @@ class GalerkinMatrix:
     def _neighbours(self):
         """Maximum numbers of neighbours of owned nodes on this rank and on others, (n,) each."""
         level, widths, inside = self._level, [], []
-        for (low, high), n, wrap in zip(level.range, level.shape, level.periodic):
+        for low, high in level.range:
             index = np.arange(low, high)
             reach = np.where(index % 2 == 0, 2, 1)
-            first, last = index - reach, index + reach
-            if not wrap:
-                first, last = np.maximum(first, 0), np.minimum(last, 2 * n)
-            widths.append(np.minimum(last - first + 1, 2 * n + (not wrap)))
-            inside.append((low <= first) & (last < high))
+            widths.append(2 * reach + 1)
+            inside.append((low <= index - reach) & (index + reach < high))
         total = np.multiply.outer(widths[1], widths[0]).ravel()
         own = level.held.size // self._dof
         others = level.comm.tompi4py().allreduce(own) - own
@@ -130,8 +119,8 @@ class GalerkinMatrix:
         return np.concatenate([level.number(i, j) * self._dof + field
                                for field in range(self._dof)])
 
-    def _held(self):
-        """The attribute ``held``."""
+    def _prescribed(self):
+        """The prescribed unknowns of the local coarse elements, field by field, (m, n)."""
         numbers, inverse = np.unique(self._numbers(slice(0, self._count)), return_inverse=True)
         flags, found = self._level.vector(), PETSc.Vec().createSeq(numbers.size)
         flags.setArray(self._level.held.astype(float))
@@ -140,21 +129,21 @@ class GalerkinMatrix:
         return found.getArray()[inverse].reshape(NODES * self._dof, -1) > 0.5
 
     def _find_positions(self, matrix):
-        """Find the position of each entry of the coarse element matrices in a matrix."""
-        size = self._level.held.size
+        """Find the positions of the entries of the coarse element matrices in a matrix."""
         start, stop = matrix.getOwnershipRange()
         width = np.int64(matrix.getSize()[1])
         with stored_values(matrix) as arrays:
             lengths = [array.size for array in arrays]
             arrays[0][:], arrays[1][:] = np.arange(lengths[0]), lengths[0] + np.arange(lengths[1])
         begin, column, stored = matrix.getValuesCSR()
+        self._ones = matrix.getDiagonal().array[self._level.held].astype(int)
         matrix.zeroEntries()
-        key = np.repeat(np.arange(size), np.diff(begin)) * width + column
+        key = np.repeat(np.arange(stop - start), np.diff(begin)) * width + column
         order = np.argsort(key)
         key, stored = key[order], stored[order].astype(np.int64)
         self._sums, known = [], {}
         for batch in self._batches():
-            number, free = self._numbers(batch), ~self.held[:, batch]
+            number, free = self._numbers(batch), ~self._held[:, batch]
             row, col = (self._in_order(part) for part in np.broadcast_arrays(
                 number[:, None], number[None]))
             free = self._in_order(free[:, None] & free[None])
@@ -169,8 +158,6 @@ class GalerkinMatrix:
                 batch, scatter_adds(0, positions, lengths, known), remote,
                 [part.astype(PETSc.IntType) for part in (
                     rows, np.append(first, remote.size), col[remote])]))
-        diagonal = np.flatnonzero(self._level.held)
-        self._ones = stored[np.searchsorted(key, diagonal * width + start + diagonal)]
 
     def _in_order(self, values):
         """Values (m, m, n) of rows and columns, field by field, in the order of `filling`."""
@@ -179,17 +166,14 @@ class GalerkinMatrix:
 
     @contextmanager
     def filling(self, matrix):
-        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective.
-
-        It sets entries of prescribed unknowns in ``out``, which no other matrix uses, to zero.
-        """
+        """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
         dof = self._dof
         total = np.zeros((dof * dof, NODES, NODES, self._count))
 
         def add(number, out):
             fine = out[:(NODES * dof)**2].reshape(dof * dof, NODES, NODES, -1)
             steps, some, free = self._steps[number]
-            if some.size:  # prescribed unknowns
+            if some.size:  # entries of prescribed unknowns, which no other matrix uses
                 both = free[:, None, :, None] * free[None, :, None, :]
                 fine[..., some] *= both.reshape(dof * dof, NODES, NODES, -1)
             for chosen, target, down in steps:
@@ -224,37 +208,25 @@ class GalerkinMatrix:
 def first_batches(form):
     """Return the elements of a form that this rank owns as the ``batches`` of `GalerkinMatrix`."""
     grid, found = form.grid, []
-    owned = np.zeros(grid.n_elements, dtype=bool)
-    owned[grid.elements.owned] = True
-    rows = np.concatenate([grid.element_unknowns[grid.blocks[name]] for name in grid.fields])
+    rows = grid.element_unknowns[:grid.blocks["P"].start]
     for batch in form.batches:
-        columns = np.flatnonzero(owned[batch])
-        found.append((columns, grid.element_i[batch][columns], grid.element_j[batch][columns],
-                      form.held[rows[:, batch][:, columns]]))
+        chosen = grid.elements.owned
+        chosen = chosen[(batch.start <= chosen) & (chosen < batch.stop)]
+        found.append((chosen - batch.start, grid.element_i[chosen], grid.element_j[chosen],
+                      form.held[rows[:, chosen]]))
     return found
 
 
 class Hierarchy:
     """The operators of coarser grids for PCMG in the first split of PCFIELDSPLIT. Collective.
 
-    PCMG needs ``-fieldsplit_0_pc_mg_galerkin external``. Raises `ParameterError` if options request
-    more grids than the elements allow.
-
-    Parameters
-    ----------
-    ksp : PETSc.KSP
-        The solver of the entire system.
-    form : pgran.space.weakform.WeakForm
-
-    Attributes
-    ----------
-    filled : list of (GalerkinMatrix, PETSc.Mat)
-        Further matrices for `pgran.space.weakform.WeakForm.jacobian`.
+    ``ksp`` solves the entire system, and `WeakForm.jacobian` fills the matrices ``filled``. Raises
+    `ParameterError` if options request more grids than the elements allow.
     """
 
     def __init__(self, ksp, form):
-        self._ksp, self._split, self._up = ksp, ksp.getPC(), []
-        self._nodes = [multigrid.node_level(form, multigrid.flow_fields(form))]
+        self._ksp, self._up = ksp, []
+        self._nodes = [multigrid.flow_level(form)]
         count = PETSc.Options().getInt("fieldsplit_0_pc_mg_levels", self._nodes[0].depth + 1)
         for _ in range(count - 1):
             self._nodes.append(self._nodes[-1].coarser())
@@ -271,18 +243,18 @@ class Hierarchy:
 
     def update(self, matrix, preconditioner):
         """Pass the operators of the latest Jacobian to PCMG."""
-        first = not self._up
+        first, finest = not self._up, len(self._operators)
         if first:
             self._ksp.setOperators(matrix, preconditioner)
             self._ksp.setUp()
-        mg, count = self._split.getFieldSplitSubKSP()[0].getPC(), len(self._nodes)
+        mg = self._ksp.getPC().getFieldSplitSubKSP()[0].getPC()
         if first:
             self._up = [coarse.interpolation(fine)
                         for fine, coarse in zip(self._nodes, self._nodes[1:])]
-            for coarser, up in enumerate(self._up, 1):
-                mg.setMGInterpolation(count - coarser, up)
-        for coarser, operator in enumerate(self._operators, 1):
-            mg.getMGSmoother(count - 1 - coarser).setOperators(operator, operator)
+            for level, up in enumerate(self._up):
+                mg.setMGInterpolation(finest - level, up)
+        for level, operator in enumerate(self._operators, 1):
+            mg.getMGSmoother(finest - level).setOperators(operator, operator)
 
 
 def requested():
@@ -293,10 +265,7 @@ def requested():
 
 
 def _children(fine, coarse, axis):
-    """The coarse element and the kind of each fine element along one direction, (n,) each.
-
-    Also the matrix (3, 3) of each kind from values at the coarse nodes to the fine nodes.
-    """
+    """Coarse element and kind of each fine element, and the interpolation of each kind."""
     kept, count = coarse.kept[axis], fine.shape[axis]
     element = np.searchsorted(kept[2:-1:2], 2 * np.arange(count) + 1)
     ends, inner = coarse.at[axis], fine.at[axis]
@@ -307,7 +276,7 @@ def _children(fine, coarse, axis):
 
 
 def _range(index):
-    """``index`` (n,) as a slice if it is a range with one step."""
+    """``index`` (n,) as a slice if it is a range."""
     step = np.unique(np.diff(index))
     if index.size > 1 and step.size == 1 and step[0] > 0:
         return slice(index[0], index[-1] + 1, step[0])

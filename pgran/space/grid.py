@@ -1,8 +1,7 @@
 """The structured grid on DMDA: numbering, fields, this rank's elements, ghost exchange.
 
 Two DMDAs in a DMComposite hold the unknowns: the first has velocity and fluidity at the Q2 nodes,
-which block solvers need side by side, and the second has the pressure at the corners. (A single
-DMDA would have a dummy pressure at three of four nodes.)
+and the second has the pressure at the corners.
 
 A rank owns elements, and the nodes on their lower and left sides. It also evaluates the layer of
 its neighbours' elements below and to the left, so that every row that it owns is complete: residual
@@ -29,12 +28,8 @@ from .element import (
 class Lattice:
     """The points of one DMDA on this rank: Q2 nodes or corners, x1 fastest, ghosts included.
 
-    Attributes
-    ----------
-    i, j : ndarray, (n,)
-        Global indices of the points, below zero or beyond the end if periodic.
-    owned : ndarray, (n_owned,)
-        Local positions of the owned points in global order.
+    ``i`` and ``j`` (n,) are global indices, below zero or beyond the end if periodic, and ``owned``
+    (n_owned,) the local positions of the owned points in global order.
     """
 
     def __init__(self, comm, shape, periodic, parts, per_element, dof):
@@ -42,7 +37,7 @@ class Lattice:
         for part, wrap in zip(parts, periodic):
             ranges.append(per_element * np.asarray(part, dtype=PETSc.IntType))
             ranges[-1][-1] += not wrap
-        self.per_element = per_element
+        self.per_element, self.dof = per_element, dof
         self.shape = tuple(per_element * n + (not wrap) for n, wrap in zip(shape, periodic))
         self.dm = PETSc.DMDA().create(
             dim=2, dof=dof, sizes=self.shape, proc_sizes=[len(part) for part in parts],
@@ -56,6 +51,7 @@ class Lattice:
         self.i, self.j = i.ravel(), j.ravel()
         inside = (self.i0 <= self.i) & (self.i < self.i1) & (self.j0 <= self.j) & (self.j < self.j1)
         self.owned = np.flatnonzero(inside)
+        self.owned_unknowns = (self.owned[:, None] * dof + np.arange(dof)).ravel()
         self.size = self.i.size
 
     def index(self, i, j):
@@ -67,19 +63,12 @@ class Grid:
     """A structured grid of Q2-Q1 elements over ranks.
 
     The local unknowns of a rank are one array: node by node v1, v2 (and g), then the pressures of
-    the corners, ghosts included.
-
-    Parameters
-    ----------
-    comm : PETSc.Comm
-    shape : tuple of int
-        Elements along x1 and x2.
-    periodic : tuple of bool
-    fluidity : bool
-        Whether g is an unknown.
+    the corners, ghosts included. Raises `ParameterError` if there are too many ranks.
 
     Attributes
     ----------
+    shape : tuple of int
+        Elements along x1 and x2.
     element_nodes, element_corners, element_unknowns : ndarray, (..., n)
         Local nodes, corners and unknowns of each element, the last block by block.
     blocks : dict
@@ -87,11 +76,6 @@ class Grid:
     elements : SimpleNamespace
         The local elements, with attributes of a `Lattice`: shape, i, j, owned, and the ranges i0 to
         i1 and j0 to j1 of the owned ones.
-
-    Raises
-    ------
-    ParameterError
-        If there are too many ranks for the elements.
     """
 
     def __init__(self, comm, shape, periodic=(False, False), fluidity=True):
@@ -113,12 +97,10 @@ class Grid:
         self._local = self.nodes.dm.createLocalVec(), self.corners.dm.createLocalVec()
         self.n_flow = self.nodes.size * self.dof
         self.n_local = self.n_flow + self.corners.size
-        self.owned = np.concatenate([
-            (self.nodes.owned[:, None] * self.dof + np.arange(self.dof)).ravel(),
-            self.n_flow + self.corners.owned])
+        self.owned = np.concatenate([self.nodes.owned_unknowns,
+                                     self.n_flow + self.corners.owned_unknowns])
         self.n_owned = self.owned.size
-        flow_map, corner_map = self.dm.getLGMaps()
-        self.global_number = np.concatenate([flow_map.indices, corner_map.indices])
+        self.global_number = np.concatenate([part.indices for part in self.dm.getLGMaps()])
         self._number_elements()
 
     def _partition(self):
@@ -130,26 +112,21 @@ class Grid:
             raise ParameterError(
                 "n", self.comm.size, f"{self.comm.size} ranks are too many for {self.shape[0]} x "
                 f"{self.shape[1]} elements, or do not divide them", prefix="") from None
-        parts = [np.array(part) for part in cells.getOwnershipRanges()]
-        cells.destroy()
-        return parts
+        return [np.array(part) for part in cells.getOwnershipRanges()]
 
     def _number_elements(self):
         """Number the elements of this rank, and their nodes and unknowns."""
         nodes, corners = self.nodes, self.corners
-        first, last = [], []
-        for start, end, wrap, n in zip((corners.i0, corners.j0), (corners.i1, corners.j1),
-                                       self.periodic, self.shape):
-            first.append(start - 1 if wrap else max(start - 1, 0))
-            last.append(end if wrap else min(end, n))
-        j, i = np.mgrid[first[1]:last[1], first[0]:last[0]]
+        below, left = (int(wrap or start > 0) for wrap, start in zip(
+            self.periodic[::-1], (corners.j0, corners.i0)))
+        i1, j1 = min(corners.i1, self.shape[0]), min(corners.j1, self.shape[1])
+        j, i = np.mgrid[corners.j0 - below:j1, corners.i0 - left:i1]
         self.element_i, self.element_j = i.ravel(), j.ravel()
         self.n_elements = self.element_i.size
         owned = (self.element_i >= corners.i0) & (self.element_j >= corners.j0)
         self.elements = SimpleNamespace(
             shape=self.shape, i=self.element_i, j=self.element_j, owned=np.flatnonzero(owned),
-            i0=corners.i0, j0=corners.j0, i1=min(corners.i1, self.shape[0]),
-            j1=min(corners.j1, self.shape[1]))
+            i0=corners.i0, j0=corners.j0, i1=i1, j1=j1)
         a, b = np.arange(NODES), np.arange(CORNERS)
         self.element_nodes = nodes.index(2 * self.element_i + a[:, None] % 3,
                                          2 * self.element_j + a[:, None] // 3)
@@ -194,48 +171,33 @@ class Grid:
                 local[self.n_flow:])
 
     def join(self, velocity, fluidity, pressure):
-        """Return the local unknowns (n_local,) of nodal fields; the inverse of `split`."""
-        flow = np.empty((self.nodes.size, self.dof))
-        flow[:, :DIM] = np.transpose(velocity)
-        if self.has_fluidity:
-            flow[:, DIM] = fluidity
-        return np.concatenate([flow.ravel(), pressure])
+        """Return the local unknowns (n_local,) of nodal fields or numbers; inverts `split`."""
+        local = np.empty(self.n_local)
+        for part, values in zip(self.split(local), (velocity, fluidity, pressure)):
+            if part is not None:
+                part[:] = values
+        return local
 
     def field_sets(self):
         """Return {name: index set} of the fields that solvers may split. Collective."""
         flow, pressure = (part.indices for part in self.part_sets())
         flow = flow.reshape(-1, self.dof)
-        sets = {"velocity": flow[:, :DIM].ravel(),
-                **({"fluidity": flow[:, DIM]} if self.has_fluidity else {}), "pressure": pressure}
-        return {name: PETSc.IS().createGeneral(numbers, comm=self.comm)
-                for name, numbers in sets.items()}
+        sets = {"velocity": flow[:, :DIM].ravel(), "fluidity": flow[:, DIM:], "pressure": pressure}
+        return {name: PETSc.IS().createGeneral(numbers.ravel(), comm=self.comm)
+                for name, numbers in sets.items() if name != "fluidity" or self.has_fluidity}
 
     def part_sets(self):
         """Return the index sets of all unknowns at nodes and of the pressures. Collective."""
-        n_flow = self.nodes.owned.size * self.dof
-        start = self.comm.tompi4py().scan(self.n_owned) - self.n_owned
-        bounds = start, start + n_flow, start + self.n_owned
-        return [PETSc.IS().createGeneral(np.arange(*ends, dtype=PETSc.IntType), comm=self.comm)
-                for ends in zip(bounds, bounds[1:])]
+        return self.dm.getGlobalISs()
 
     def largest(self, values):
         """Return the entry of largest size among the ``values`` (n,) of all ranks. Collective."""
         return max(self.comm.tompi4py().allgather(values[np.argmax(np.abs(values))]), key=abs)
 
-    def with_ghosts(self, values):
-        """Return nodal values (k <= 2, n_nodes) with owners' values at ghosts. Collective."""
-        local, vector = np.zeros(self.n_local), self.create_vector()
-        self.split(local)[0][:len(values)] = values
-        self.from_local(local, vector)
-        found = self.split(self.to_local(vector))[0][:len(values)].copy()
-        vector.destroy()
-        return found
-
     def element_ring(self, values):
-        """Return values (..., m) of the owned elements and values of their neighbours. Collective.
+        """Return values (..., m) of owned elements as (..., rows + 2, columns + 2). Collective.
 
-        The result (..., rows + 2, columns + 2) has the m owned elements in rows of j and columns of
-        i, surrounded by a ring of neighbours, corners included. It is zero outside the domain.
+        A ring of neighbours surrounds the owned elements; it is zero outside the domain.
         """
         cells, before = self.elements, values.shape[:-1]
         dof = int(np.prod(before))
@@ -261,17 +223,16 @@ class Grid:
         return self.element_ring(values)[..., cells.j - cells.j0 + 1, cells.i - cells.i0 + 1]
 
     def period(self, values):
-        """Return the change of nodal values (k, n_nodes) across a period of the grid. Collective.
+        """Return the change (2, k) of nodal values (k, n_nodes) across a period. Collective.
 
-        The result (2, k) is the change along i and along j, zero where the grid is not periodic.
-        The values, such as coordinates, include ghosts.
+        It is along i and along j, and zero where the grid is not periodic.
         """
         nodes, found = self.nodes, np.zeros((DIM, len(values)))
 
         def owns(i, j):
             return nodes.i0 <= i < nodes.i1 and nodes.j0 <= j < nodes.j1
 
-        for axis in (axis for axis, wrap in enumerate(self.periodic) if wrap):
+        for axis in np.flatnonzero(self.periodic):
             last, end = [0, 0], [0, 0]
             last[axis], end[axis] = nodes.shape[axis] - 1, nodes.shape[axis]
             if owns(*last):
@@ -285,10 +246,12 @@ class Grid:
         return np.bincount(self.element_nodes.ravel(), values.ravel(), minlength=self.nodes.size)
 
     def at_nodes(self, values):
-        """Return nodal values (n_nodes,) of a field at the Gauss points, (points, n).
+        """Return nodal values (..., n_nodes) of fields at the Gauss points, (..., points, n).
 
         The biquadratics of the elements are averaged at each node; complete at owned nodes.
         """
+        if values.ndim > 2:
+            return np.array([self.at_nodes(part) for part in values])
         total = self.sum_at_nodes(GAUSS_TO_NODES @ values)
         return total / np.maximum(self.sum_at_nodes(np.ones_like(values)), 1.0)
 

@@ -19,49 +19,36 @@ CHUNK = 8192
 
 
 class Field(NamedTuple):
-    """Field ``number`` of layout ``part`` of a matrix, at local points (m, n) of the elements."""
+    """Field ``number`` of a `Lattice`, at local points (m, n) of elements."""
 
-    part: int
+    lattice: object
     number: int
     points: np.ndarray
 
 
-class Block(NamedTuple):
-    """The entries of element matrices that couple two fields."""
-
-    row: Field
-    column: Field
-
-
-class DofLayout(NamedTuple):
-    """``dof`` unknowns at each point of a lattice."""
-
-    lattice: object
-    dof: int
-
-
 class Unknowns:
-    """The rows or columns of a matrix, numbered locally through a list of `DofLayout`.
+    """The rows or columns of a matrix, numbered locally through a list of `Lattice`.
 
     ``numbers`` (n,) are their global numbers, and ``held`` (n,) says which are prescribed.
     """
 
-    def __init__(self, layouts, numbers, held):
-        self.layouts, self.numbers, self.held = layouts, numbers, held
-        self.starts = np.cumsum([0] + [lattice.size * dof for lattice, dof in layouts])
-        self.n_owned = sum(lattice.owned.size * dof for lattice, dof in layouts)
+    def __init__(self, lattices, numbers, held):
+        self.lattices, self.numbers, self.held = lattices, numbers, held
+        starts = np.cumsum([0] + [lattice.size * lattice.dof for lattice in lattices])
+        self._starts = dict(zip(lattices, starts))
+        self.owned = np.concatenate([start + lattice.owned_unknowns
+                                     for lattice, start in self._starts.items()])
 
     def local(self, field):
         """Return the local numbers of a `Field`, (m, n)."""
-        return (self.starts[field.part] + field.points * self.layouts[field.part].dof
-                + field.number)
+        return self._starts[field.lattice] + field.points * field.lattice.dof + field.number
 
 
 class ScatterAdd:
     """Adds the ``chosen`` numbers of a batch to ``positions`` (n,) of an array.
 
-    Positions from the ``length`` of the array on are ignored. ``known`` holds positions relative to
-    the first one. On a structured grid most batches share them, so that they remain in the cache.
+    Positions from the ``length`` of the array on are ignored. Most batches share the positions
+    relative to the first one, which are ``known`` and thus remain in the cache.
     """
 
     def __init__(self, chosen, positions, length, known):
@@ -83,8 +70,8 @@ class ScatterAdd:
 def scatter_adds(begin, positions, lengths, known):
     """Return [(array number, `ScatterAdd`)] for the two arrays of `stored_values`.
 
-    The numbers of the batch start at ``begin``. ``positions`` (n,) count through both arrays, which
-    have the ``lengths``; larger positions are left out.
+    The numbers of the batch start at ``begin``. ``positions`` (n,) count through both arrays;
+    larger ones are left out.
     """
     near, total = lengths[0], sum(lengths)
     sums = [(0, ScatterAdd(slice(begin, begin + positions.size), positions, near, known))]
@@ -97,44 +84,41 @@ def scatter_adds(begin, positions, lengths, known):
 class InPlaceMatrix:
     """An AIJ or BAIJ matrix whose element matrices are summed in PETSc's own arrays.
 
-    Its creation is collective. Prescribed rows and columns are empty; in a square matrix, where
-    ``rows`` is ``columns``, prescribed rows are rows of the identity.
+    Its creation is collective. Prescribed rows and columns are empty; where ``rows`` is
+    ``columns``, prescribed rows are rows of the identity. An element adds ``entries`` numbers.
 
     Parameters
     ----------
-    grid : pgran.space.grid.Grid
     rows, columns : Unknowns
-    groups : list of list of Block
-        The blocks of an element matrix, in groups whose rows lie close together.
+    groups : list of list of (Field, Field)
+        The coupled fields, in groups whose rows lie close together.
     batches : list of slice
         The elements of each batch.
     first : int
-        The first entry of these blocks among all entries of an element.
+        The first of these entries among all entries of an element.
     blocked : bool
         Whether the matrix is BAIJ, with the unknowns of the points of one lattice as blocks.
-
-    Attributes
-    ----------
-    entries : int
-        Number of entries of an element in this matrix.
     """
 
     def __init__(self, grid, rows, columns, groups, batches, first=0, blocked=False):
         self._grid, self._rows, self._columns = grid, rows, columns
         self._blocked = blocked
-        self.entries = sum(len(block.row.points) * len(block.column.points)
-                           for group in groups for block in group)
+        self.entries = sum(len(row.points) * len(column.points)
+                           for group in groups for row, column in group)
         sparsity = self._sparsity()
         self._unused = self._pattern(sparsity)
         with stored_values(self._unused) as arrays:
             lengths = [array.size for array in arrays]
         stored = _stored_positions(self._unused, sparsity, columns.numbers)
         self._sums = self._find_sums(sparsity, stored, lengths, groups, batches, first)
-        self._ones = self._find_ones(sparsity, stored)
+        self._ones = []
+        if rows is columns:
+            diagonal = self._unused.getDiagonal().array.astype(int)
+            self._ones = stored[diagonal[rows.held[rows.owned]]]
         self._unused.zeroEntries()
 
     def _sparsity(self):
-        return Sparsity(self._grid, self._rows.layouts, self._columns.layouts)
+        return Sparsity(self._grid, self._rows.lattices, self._columns.lattices)
 
     def _find_sums(self, sparsity, stored, lengths, groups, batches, first):
         """The `scatter_adds` of each batch."""
@@ -143,10 +127,10 @@ class InPlaceMatrix:
             sums, begin = [], first * (batch.stop - batch.start)
             for group in groups:
                 positions = []
-                for block in group:
+                for pair in group:
                     row, column = (field._replace(points=field.points[:, batch])
-                                   for field in block)
-                    position = stored[sparsity.positions(Block(row, column))]
+                                   for field in pair)
+                    position = stored[sparsity.positions(row, column)]
                     held = (self._rows.held[self._rows.local(row)][:, None]
                             | self._columns.held[self._columns.local(column)])
                     position[held] = sum(lengths)
@@ -157,28 +141,17 @@ class InPlaceMatrix:
             found.append(sums)
         return found
 
-    def _find_ones(self, sparsity, stored):
-        """Positions of the diagonal entries of prescribed rows in a square matrix."""
-        ones = [np.empty(0, dtype=int)]
-        for part, (lattice, dof) in enumerate(
-                self._rows.layouts if self._rows is self._columns else ()):
-            for number in range(dof):
-                field = Field(part, number, lattice.owned[None])
-                diagonal = stored[sparsity.positions(Block(field, field))[0, 0]]
-                ones.append(diagonal[self._rows.held[self._rows.local(field)[0]]])
-        return np.concatenate(ones)
-
     def _pattern(self, sparsity):
         """A matrix with all entries of ``sparsity``, whose values are entry numbers."""
         comm, numbers = self._grid.comm, self._columns.numbers
-        ranks, n_rows, n_columns = comm.tompi4py(), self._rows.n_owned, self._columns.n_owned
+        ranks, n_rows, n_columns = comm.tompi4py(), self._rows.owned.size, self._columns.owned.size
         last, total = ranks.scan(n_columns), ranks.allreduce(n_columns)
         matrix = PETSc.Mat().create(comm=comm)
         matrix.setType(PETSc.Mat.Type.BAIJ if self._blocked else PETSc.Mat.Type.AIJ)
         matrix.setSizes(((n_rows, None), (n_columns, None)))
-        matrix.setBlockSizes(*(part.layouts[0].dof if len(part.layouts) == 1 else 1
+        matrix.setBlockSizes(*(part.lattices[0].dof if len(part.lattices) == 1 else 1
                                for part in (self._rows, self._columns)))
-        size = self._rows.layouts[0].dof if self._blocked else 1
+        size = self._rows.lattices[0].dof if self._blocked else 1
         near = np.zeros(n_rows, dtype=PETSc.IntType)
         for rows, start, column in sparsity.chunks():
             column = numbers[column]
@@ -201,7 +174,7 @@ class InPlaceMatrix:
     def create(self):
         """Return a new matrix of zeros, which belongs to the caller. Collective."""
         matrix, self._unused = self._unused, None
-        if matrix is None:
+        if not matrix:
             matrix = self._pattern(self._sparsity())
             matrix.zeroEntries()
         return matrix
@@ -223,7 +196,7 @@ class InPlaceMatrix:
 
 
 def fill(parts, batches, evaluate):
-    """Fill several (InPlaceMatrix, PETSc.Mat) from the same element matrices. Collective.
+    """Fill pairs of InPlaceMatrix and PETSc.Mat from the same element matrices. Collective.
 
     ``evaluate(number, out)`` puts the entries of a batch of elements into ``out``, (n_all, n).
     """
@@ -238,36 +211,30 @@ def fill(parts, batches, evaluate):
 
 
 class Sparsity:
-    """The entries of the rows that a rank owns, row by row.
+    """The entries of the rows that a rank owns: all unknowns of the elements around each point.
 
-     A row of a node or corner has columns for the unknowns of all elements around it. Rows and
-    columns are lists of `DofLayout`, and ``start`` has the first entry of each row.
+    ``rows`` and ``columns`` are lists of `Lattice`; ``start`` has the first entry of each row.
     """
 
     def __init__(self, grid, rows, columns):
-        self._columns, self._blocks = columns, []
+        self._columns, self._blocks = columns, {}
         starts, n_entries = [np.zeros(1, dtype=np.int64)], 0
-        for lattice, dof in rows:
-            reach = _reach(grid, lattice)
-            widths = [np.prod(_span(reach, target)[1], axis=0) * target_dof
-                      for target, target_dof in columns]
+        for lattice in rows:
+            reach, dof = _reach(grid, lattice), lattice.dof
+            widths = [np.prod(_span(reach, target)[1], axis=0) * target.dof for target in columns]
             ends = n_entries + np.cumsum(np.repeat(sum(widths), dof))
             owned = np.full(lattice.size, -1)
             owned[lattice.owned] = np.arange(lattice.owned.size)
-            self._blocks.append(
-                (dof, owned, np.concatenate([[n_entries], ends[:-1]]), reach, widths))
+            self._blocks[lattice] = (
+                dof, owned, np.concatenate([[n_entries], ends[:-1]]), reach, widths)
             starts.append(ends)
             n_entries = ends[-1]
         self.start, self.size = np.concatenate(starts), int(n_entries)
 
     def chunks(self):
-        """Yield (rows, start, column) of some rows at a time, in their order.
-
-        ``rows`` is a slice of the owned rows, ``start`` (n + 1,) their first entries, counted from
-        the first of these rows, and ``column`` (m,) the local columns.
-        """
+        """Yield (slice of owned rows, their first entries (n + 1,), local columns (m,))."""
         first = 0
-        for dof, _, _, reach, widths in self._blocks:
+        for dof, _, _, reach, widths in self._blocks.values():
             n_points = len(widths[0])
             for begin in range(0, n_points, CHUNK):
                 chunk = slice(begin, min(begin + CHUNK, n_points))
@@ -283,8 +250,8 @@ class Sparsity:
     def _column_numbers(self, reach):
         """Candidate local columns of each point of a reach, (n, m), and which exist."""
         numbers, used, offset = [], [], 0
-        for target, dof in self._columns:
-            start, count = _span(reach, target)
+        for target in self._columns:
+            dof, (start, count) = target.dof, _span(reach, target)
             maximum = 2 * target.per_element + 1
             b, a = (index.ravel() for index in np.mgrid[:maximum, :maximum])
             inside = (a < count[0][:, None]) & (b < count[1][:, None])
@@ -295,19 +262,18 @@ class Sparsity:
             offset += target.size * dof
         return np.hstack(numbers), np.hstack(used)
 
-    def positions(self, block):
-        """Return the numbers (n_a, n_b, n) of entries of a `Block`; ``size`` if not owned."""
-        row, column = block
-        dof, owned, first, reach, widths = self._blocks[row.part]
-        target, target_dof = self._columns[column.part]
+    def positions(self, row, column):
+        """Return the numbers (n_a, n_b, n) of entries of two fields; ``size`` if not owned."""
+        dof, owned, first, reach, widths = self._blocks[row.lattice]
+        target = column.lattice
         start, count = _span(reach, target)
         point = owned[row.points]
         safe = np.where(point < 0, 0, point)
-        before = sum(widths[:column.part], np.zeros_like(widths[0]))
+        before = sum(widths[:self._columns.index(target)], np.zeros_like(widths[0]))
         base = first[safe * dof + row.number] + before[safe] + column.number
         i = target.i[column.points][None] - start[0][safe][:, None]
         j = target.j[column.points][None] - start[1][safe][:, None]
-        number = base[:, None] + (j * count[0][safe][:, None] + i) * target_dof
+        number = base[:, None] + (j * count[0][safe][:, None] + i) * target.dof
         return np.where(point[:, None] < 0, self.size, number)
 
 
@@ -331,10 +297,7 @@ def _span(reach, target):
 
 
 def _stored_positions(matrix, sparsity, numbers):
-    """Positions (size + 1,) of the entries in a matrix whose values are their numbers.
-
-    They count through both arrays; the last one is the total length.
-    """
+    """Positions (size + 1,) in both arrays of entries whose values are their numbers."""
     with stored_values(matrix) as arrays:
         kept = np.concatenate(arrays).astype(PETSc.IntType)
     stored = np.full(sparsity.size + 1, kept.size, dtype=PETSc.IntType)
@@ -354,11 +317,7 @@ _petsc = ctypes.CDLL(PETSc.__file__)  # linked to petsc4py
 
 @contextmanager
 def stored_values(matrix):
-    """Give the arrays of values of a matrix, for the columns of this rank and for the others.
-
-    For AIJ they are sorted by row and global column; for BAIJ they hold block after block. Raises
-    RuntimeError if PETSc's scalars are not real numbers in double precision.
-    """
+    """Give the arrays of values of a matrix, for the columns of this rank and for the others."""
     if np.dtype(PETSc.ScalarType) != np.float64:
         raise RuntimeError(f"PETSc was built with scalars of type {np.dtype(PETSc.ScalarType)}; "
                            "pgran needs real scalars in double precision")

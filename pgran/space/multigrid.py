@@ -7,7 +7,7 @@ fluidity has coarser grids. The preconditioner can therefore be chosen by option
     -fieldsplit_0_pc_type mg
 
 A coarser grid joins elements in pairs, in both directions; the last one of an odd number is kept.
-The Q2 spaces of the grids are nested, and coarse operators are Galerkin products.
+The Q2 spaces of the grids are nested.
 """
 
 import numpy as np
@@ -18,19 +18,15 @@ from .element import Geometry
 
 
 def field_shell(form):
-    """Return a DM with the fields by name and the coarser grids of a block. Collective.
-
-    PCFIELDSPLIT obtains its splits and their names from this DM. Corrections from coarser grids do
-    not change the prescribed unknowns.
-    """
+    """Return a DM with the fields by name and the coarser grids of a block. Collective."""
     grid = form.grid
     return _shell(grid.comm, grid.field_sets(), grid.create_vector(),
                   lambda names: node_level(form, names))
 
 
-def flow_fields(form):
-    """Return the names of the fields at the nodes."""
-    return ["velocity", "fluidity"] if form.grid.has_fluidity else ["velocity"]
+def flow_level(form):
+    """Return the `NodeLevel` of all fields at the nodes."""
+    return node_level(form, ["velocity", "fluidity"] if form.grid.has_fluidity else ["velocity"])
 
 
 def node_level(form, names):
@@ -61,10 +57,7 @@ def _starts(lattice):
 
 
 def resolving(form):
-    """Return the number of coarsenings, at least 1, after which the grid still resolves coupling.
-
-    `pgran.cases.Case.max_coarse_size` is the maximum size of its elements. Collective.
-    """
+    """Return how many coarsenings, at least 1, `Case.max_coarse_size` allows. Collective."""
     grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
     weight = Geometry(x[:, grid.element_nodes]).weight
@@ -80,30 +73,19 @@ class NodeLevel:
 
     Parameters
     ----------
-    comm : PETSc.Comm
-    at : tuple of ndarray
-        Coordinates of the nodes along x1 and x2, in any unit; if periodic, the first
-        node is repeated at the end.
-    periodic : tuple of bool
+    at : list of ndarray
+        Coordinates of the nodes along x1 and x2; if periodic, the first is repeated at the end.
     starts : list of ndarray
         First node index of each part of the ranks, and the end, in x1 and x2.
-    dof : int
-        Unknowns of a node.
     held : ndarray of bool, (n_owned,)
-        Which unknowns are prescribed, node by node.
-    kept : tuple of ndarray, optional
+        Which of the ``dof`` unknowns of each node are prescribed, node by node.
+    kept : list of ndarray, optional
         Numbers of the nodes of the finer level that this level has, along x1 and x2.
     degree : int
         2 for Q2 nodes, 1 for corners.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        Elements along x1 and x2.
-    depth : int
-        Number of coarser levels that multigrid uses.
     """
 
+    #: Number of coarser levels that multigrid uses.
     depth = 0
 
     def __init__(self, comm, at, periodic, starts, dof, held, kept=None, degree=2):
@@ -114,11 +96,8 @@ class NodeLevel:
         self.range = [(start[k], start[k + 1]) for start, k in zip(starts, part)]
         counts = np.outer(np.diff(starts[1]), np.diff(starts[0])).ravel()
         self._first = np.concatenate([[0], np.cumsum(counts)])
-
-    @property
-    def coarsenings(self):
-        """Number of coarsenings until one element is left."""
-        return (max(self.shape) - 1).bit_length()
+        #: Number of coarsenings until one element is left.
+        self.coarsenings = (max(self.shape) - 1).bit_length()
 
     def coarser(self):
         """Return the `NodeLevel` of elements joined in pairs. Collective."""
@@ -143,10 +122,7 @@ class NodeLevel:
         return self._first[rank] + (j - j0) * (i1 - i0) + i - i0
 
     def interpolation(self, fine):
-        """Return the matrix from unknowns of this level to the next finer level. Collective.
-
-        It is the identity between prescribed unknowns.
-        """
+        """Return the interpolation to the next finer level; it keeps prescribed unknowns."""
         (i, across), (j, up) = (
             self._along(axis, fine.range[axis], fine.at[axis]) for axis in range(2))
         dof, n, around = self.dof, fine.held.size // self.dof, (self.degree + 1)**2
@@ -210,7 +186,7 @@ def _shell(comm, sets, vector, level):
     names = list(sets)
 
     def decompose(dm):
-        return list(names), [sets[name] for name in names], [
+        return list(names), list(sets.values()), [
             _block(comm, {name: sets[name]}, level)[1] for name in names]
 
     def sub_dm(dm, fields):

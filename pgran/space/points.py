@@ -11,18 +11,14 @@ from .element import DIM, NODES
 
 
 def secant(slope, curvature, change):
-    """Return the slope of the secant over which a function changes by ``change``, (points, n).
+    """Return the slope of the secant over which a function F changes by ``change``, (points, n).
 
-    With ``slope`` F' and ``curvature`` F'', x = change/F' improved to second order has the secant::
+    With ``slope`` F' and ``curvature`` F'', change/F' improved to second order has the secant::
 
-        change/x = (F' + sign(F') sqrt(F'^2 + 2 F'' change))/2
+        (F' + sign(F') sqrt(F'^2 + 2 F'' change))/2
 
-    The result is never steeper than the tangent, and F'/2 where the parabola has no root.
-
-    F = (A^2 d^2/xi^2) (g - g_loc) has close roots at mu_s and where g = g_loc. Far from them they
-    act as a double root, at which Newton's method only halves the error per iteration. The secant
-    over which F changes by the residual converges faster, and tends to the tangent as the residual
-    vanishes.
+    The result is never steeper than the tangent, and F'/2 where the parabola has no root. At the
+    close roots mu = mu_s and g = g_loc of the source it converges faster than the tangent.
     """
     below = np.minimum(2.0 * curvature * change, 0.0)
     root = np.sqrt(np.maximum(slope**2 + below, 0.0))
@@ -30,18 +26,16 @@ def secant(slope, curvature, change):
 
 
 def _add_decay(source, decay, g):
-    """Add ``decay`` times the fluidity ``g`` to a source F; see `Increment`."""
+    """Add ``decay`` times the fluidity ``g`` to a source F."""
     source.value = source.value + decay * g
     source.fluidity = source.fluidity + decay
 
 
 class BatchPoints:
-    """Kinematics and response at the Gauss points of a batch of elements.
+    """Kinematics and `Response` at the Gauss points of a batch of elements.
 
     Attributes
     ----------
-    geometry : pgran.space.element.Geometry
-    response : pgran.material.models.Response
     gradients : list
         gradients[i][j] = d v_i/d x_j, (points, n), base flow included.
     nodal : ndarray, (rows, n)
@@ -72,7 +66,7 @@ class BatchPoints:
         self.response = form.material.model.response(
             self._law, form.material.inverse_time(self.P), self.gdot, self.P, fluidity, theta)
         self.decay = increment.decay
-        if self.decay and grid.has_fluidity:
+        if self.decay:
             _add_decay(self.response.source, self.decay, fluidity)
 
     @property
@@ -136,18 +130,9 @@ class RulePoints:
     """Points of another quadrature rule in the ``chosen`` elements (m,) of a batch.
 
     mu is the biquadratic through its values at the Gauss points, where it satisfies equilibrium.
-    The local strain rate would be divided by a fluidity or a pressure that may vanish.
-
-    Attributes
-    ----------
-    nodes : ndarray, (k,)
-        The nodes of an element whose rows contain the integral.
-    tests, weight : ndarray, (rule points, k) and (rule points, m)
-        Their shape functions and the quadrature weights.
-    arguments : tuple
-        The law, s, mu, P and g at the points, the arguments of a model.
-    value : pgran.material.models.WithDerivatives
-        The integrand, (rule points, m), with its derivatives with respect to mu, P and g.
+    The local strain rate would be divided by a fluidity or a pressure that may vanish. A subclass
+    sets the integrand ``value``, `WithDerivatives` with respect to mu, P and g. Its integral
+    belongs to the ``nodes`` (k,) of an element, with shape functions ``tests`` (rule points, k).
     """
 
     def __init__(self, form, p, rule, chosen, law, nodes):
@@ -169,10 +154,9 @@ class WallPoints(RulePoints):
 
 
 class SurfacePoints(RulePoints):
-    """The source F of the fluidity equation close to a free surface.
+    """The source F near a free surface, where s and thus F may be singular.
 
-    If F contains g^2/s it is singular there, since s vanishes like the root of the depth. With a
-    ``defect`` (n_nodes,) the slope in mu is the slope of the `secant`.
+    With a ``defect`` (n_nodes,) the slope in mu is the slope of the `secant`.
     """
 
     def __init__(self, form, p, rule, chosen, law, defect=None):

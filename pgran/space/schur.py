@@ -6,8 +6,8 @@ sum of its limits without inertia and without viscosity (Cahouet & Chabard 1988)
     -(M^-1 + L^-1),      M = (q, P/eta),      L = B D^-1 B^T
 
 B is the divergence of the free velocities, and D their lumped mass matrix times rho. So L is a
-Laplacian with zero pressure where the velocity is free, and no flux where it is held. Without
-inertia there is no L. Options choose this preconditioner, and the solver of each part::
+Laplacian with zero pressure where the velocity is free, and no flux where it is held. It is absent
+without inertia. Options choose this preconditioner, and the solver of each part::
 
     -pc_fieldsplit_schur_precondition user
     -fieldsplit_pressure_pc_type python
@@ -18,7 +18,6 @@ inertia there is no L. Options choose this preconditioner, and the solver of eac
 Any other PC uses M only.
 """
 
-import numpy as np
 from petsc4py import PETSc
 
 from ..versions import set_schur_matrix
@@ -40,40 +39,27 @@ def configure(ksp, form):
 
 
 class SchurPreconditioner:
-    """The matrices -M and -L of a form. Creating and filling them is collective.
-
-    ``viscous`` is -M. PETSc stores the last -L with it.
-    """
+    """The matrix ``viscous``, -M, which PETSc stores with the last -L. Collective."""
 
     def __init__(self, form):
         self._form, self.viscous = form, form.create_pressure_mass()
-        grid, sets = form.grid, form.grid.field_sets()
-        self._sets = [sets[name] for name in ("velocity", "pressure")]
-        # Numbers within the blocks of the nodes and of the corners, for a Jacobian of blocks.
-        self._block_sets = []
-        for part, field in zip(grid.part_sets(), self._sets):
-            above = grid.comm.tompi4py().scan(part.getLocalSize()) - part.getLocalSize()
-            numbers = above + np.searchsorted(part.indices, field.indices)
-            self._block_sets.append(
-                PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=grid.comm))
+        self._sets = form.grid.part_sets()
 
     def fill(self, local, shift, increment, jacobian):
         """Fill them for unknowns (n_local,) and their ``jacobian`` with a ``shift``, gdot0."""
         self._form.pressure_mass(local, increment, self.viscous)
-        storage = self._form.lumped_storage(shift, increment)
-        if storage is not None:
+        if self._form.storage["velocity"]:
+            storage = self._form.lumped_storage(shift, increment)
             self.viscous.compose(INERTIAL, self._laplacian(storage, jacobian))
 
     def _laplacian(self, storage, jacobian):
         """-L, whose rows of prescribed pressures are rows of the identity."""
         if jacobian.getType() == PETSc.Mat.Type.NEST:
-            velocity, pressure = self._block_sets
-            divergence = jacobian.getNestSubMatrix(1, 0).createSubMatrix(pressure, velocity)
-            pressures = jacobian.getNestSubMatrix(1, 1)
+            divergence, pressures = (jacobian.getNestSubMatrix(1, part) for part in range(2))
         else:
             divergence, pressures = (jacobian.createSubMatrix(self._sets[1], columns)
                                      for columns in self._sets)
-        gradient = divergence.transpose()
+        gradient = divergence.transpose(PETSc.Mat())
         scale = gradient.createVecLeft()
         scale.setArray(storage**-0.5)
         gradient.diagonalScale(scale)
@@ -87,7 +73,7 @@ class CahouetChabard:
     """-(M^-1 + L^-1) as a PC of type python. The parts have separate options. Collective."""
 
     def setFromOptions(self, pc):
-        """Create the PC of both parts."""
+        """Create both parts."""
         self._viscous, self._inertial = (PETSc.PC().create(comm=pc.comm) for _ in range(2))
         for name, part in ("viscous", self._viscous), ("inertial", self._inertial):
             part.setOptionsPrefix(f"{pc.getOptionsPrefix()}{name}_")

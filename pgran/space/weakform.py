@@ -13,7 +13,8 @@ a batch are (Gauss points, n elements).
 """
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from mpi4py import MPI
@@ -25,7 +26,7 @@ from ..options import ParameterError
 from . import element
 from .element import DIM, NODES, POINTS
 from .grid import Grid
-from .matrix import Block, DofLayout, Field, InPlaceMatrix, ScatterAdd, Unknowns, fill
+from .matrix import Field, InPlaceMatrix, ScatterAdd, Unknowns, fill
 from .points import BatchPoints, SurfacePoints, WallPoints
 
 BATCH = 512
@@ -36,16 +37,13 @@ LEAST_BYTES = 1000
 def discretise(parameters, comm):
     """Return the `WeakForm` of resolved parameters on the ranks of ``comm``. Collective.
 
-    Raises
-    ------
-    ParameterError
-        If the parameters are inconsistent.
+    Raises `ParameterError` if the parameters are inconsistent.
     """
     model, law = parameters.part("model"), parameters.part("law")
     if not model.solved:
         raise ParameterError("model", parameters.model,
                              "only the linear theory knows this model; the solver does not")
-    if model.needs_length and law.inverse_length_squared is None:
+    if model.needs_length and not law.inverse_length_squared:
         raise ParameterError("model", parameters.model, f"@law {parameters.law} has no "
                              "cooperativity length; use a local model such as li")
     case = cases.create(parameters)
@@ -56,18 +54,18 @@ def discretise(parameters, comm):
 
 def _check_size(parameters, case, comm):
     """Refuse a grid that PETSc cannot number or this machine cannot hold."""
-    (nx, ny), unknowns = case.shape, case.unknowns
-    text = f"its {nx} x {ny} elements make {unknowns:.3g} unknowns"
-    if unknowns > np.iinfo(PETSc.IntType).max:
-        raise ParameterError("case", parameters.case, f"{text}, more than the indices of this "
-                             "PETSc can count; larger elements, or a PETSc configured "
-                             "--with-64-bit-indices")
+    (nx, ny), unknowns, problem = case.shape, case.unknowns, ""
     needed = LEAST_BYTES * unknowns / comm.size
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if needed > memory:
-        raise ParameterError("case", parameters.case, f"{text}, which need at least "
-                             f"{needed / 2**30:.3g} GB per rank, and this machine has "
-                             f"{memory / 2**30:.3g} GB; larger elements, or more machines")
+    if unknowns > np.iinfo(PETSc.IntType).max:
+        problem = ("more than the indices of this PETSc can count; larger elements, or a PETSc "
+                   "configured --with-64-bit-indices")
+    elif needed > memory:
+        problem = (f"which need at least {needed / 2**30:.3g} GB per rank, and this machine has "
+                   f"{memory / 2**30:.3g} GB; larger elements, or more machines")
+    if problem:
+        raise ParameterError("case", parameters.case, f"its {nx} x {ny} elements make "
+                             f"{unknowns:.3g} unknowns, {problem}")
 
 
 def _batches(grid):
@@ -84,53 +82,33 @@ def _batches(grid):
 
 @dataclass
 class Increment:
-    """What is fixed while Newton's method solves one time step.
+    """What is fixed while Newton's method solves one time step."""
 
-    Attributes
-    ----------
-    x : ndarray, (2, n_nodes)
-        Coordinates of the mesh, d.
-    stress : ndarray, (3, points, n)
-        Old deviator S11, S22, S12, already rotated with the material, stress.
-    theta : float
-        Compliance f/(G dt) of the elastic element; 0 for the rigid-viscous equations.
-    prescribed, prescribed_rate : ndarray, (n_local,)
-        Prescribed values, NaN where an unknown is free, and their rates of change.
-    geometry : pgran.space.element.Geometry
-        The map of the elements.
-    load : ndarray, (2, n_nodes)
-        Nodal forces of the tractions, stress times d.
-    decay : float
-        eps in F + eps g, which limits the cooperativity length to A d/sqrt(eps); zero by default.
-    """
-
-    x: np.ndarray
+    x: np.ndarray  #: Coordinates of the mesh, (2, n_nodes), d.
+    #: Old deviator S11, S22, S12, already rotated with the material, (3, points, n), stress.
     stress: np.ndarray
-    theta: float
-    prescribed: np.ndarray
-    prescribed_rate: np.ndarray
-    geometry: object = field(repr=False)
-    load: np.ndarray
+    theta: float  #: Compliance f/(G dt) of the elastic element; 0 if rigid-viscous.
+    prescribed: np.ndarray  #: Prescribed values, NaN where an unknown is free, (n_local,).
+    prescribed_rate: np.ndarray  #: Their rates of change, (n_local,).
+    geometry: element.Geometry
+    load: np.ndarray  #: Nodal forces of the tractions, (2, n_nodes), stress times d.
+    #: eps in F + eps g, which limits the cooperativity length to A d/sqrt(eps).
     decay: float = 0.0
 
 
 class WeakForm:
-    """The discrete equations of a case on a grid.
+    """The discrete equations of a case on a grid. Its creation is collective.
 
-    All arrays of unknowns are local, (grid.n_local,), as `Grid.to_local` returns them. Only the
-    creation of a form, and methods that create or fill a matrix, are collective.
+    All arrays of unknowns are local, (grid.n_local,), as `Grid.to_local` returns them.
     """
 
     def __init__(self, grid, case):
         self.grid, self.case, self.material = grid, case, case.material
-        model = self.material.model
         density = self.material.bulk_density if case.parameters.inertia else 0.0
-        self.storage = {"velocity": density, "fluidity": 0.0, **model.storage}
+        self.storage = {"velocity": density, "fluidity": 0.0, **self.material.model.storage}
         self.convective = bool(density) and not case.moving
         self.batches = _batches(grid)
         self._yield_factor = case.yield_factor(grid.element_i, grid.element_j)
-        self._weak = grid.comm.tompi4py().allreduce(
-            bool((self._yield_factor != 1.0).any()), MPI.LOR)
         self.laws = [self._law_of(batch) for batch in self.batches]
         self._walls = [self._walls_of(batch) for batch in self.batches]
         self._surfaces = [self._surfaces_of(batch) for batch in self.batches]
@@ -139,50 +117,38 @@ class WeakForm:
 
     def _law_of(self, elements):
         """The law with the yield values of a slice or of the numbers of local elements."""
-        law = self.material.law
-        return law.weakened(self._yield_factor[elements]) if self._weak else law
+        law, factor = self.material.law, self._yield_factor[elements]
+        return law.weakened(factor) if (factor != 1.0).any() else law
+
+    def _with_laws(self, batch, found):
+        """(rule, positions (m,), law) for each (rule, bool array of a batch's elements)."""
+        found = [(rule, np.flatnonzero(chosen)) for rule, chosen in found if chosen.any()]
+        return [(rule, chosen, self._law_of(batch.start + chosen)) for rule, chosen in found]
 
     def _walls_of(self, batch):
-        """The walls with g = g_loc in a batch: (side, positions (m,) of elements, their law)."""
-        if not self.grid.has_fluidity:
-            return []
-        walls = []
-        for side in self.case.walls_of_local_fluidity:
-            elements = self.grid.side_elements(side)
-            chosen = elements[(batch.start <= elements) & (elements < batch.stop)] - batch.start
-            if chosen.size:
-                walls.append((side, chosen, self._law_of(batch.start + chosen)))
-        return walls
+        """The elements of a batch at walls with g = g_loc: (side, positions (m,), law)."""
+        sides = self.case.walls_of_local_fluidity if self.grid.has_fluidity else ()
+        return self._with_laws(batch, [(side, self.grid.layer(side)[batch] == 0)
+                                       for side in sides])
 
     def _surfaces_of(self, batch):
         """The elements of a batch at free surfaces: (closest rule, positions (m,), law)."""
-        sides = self.case.free_surfaces
-        if not (self.grid.has_fluidity and sides):
-            return []
+        sides = self.case.free_surfaces if self.grid.has_fluidity else ()
         layers = np.array([self.grid.layer(side)[batch] for side in sides])
-        surfaces = []
-        for number, side in enumerate(sides):
-            closest = layers.argmin(axis=0) == number
-            for layer, rule in enumerate(element.SURFACES[side]):
-                chosen = np.flatnonzero(closest & (layers[number] == layer))
-                if chosen.size:
-                    surfaces.append((rule, chosen, self._law_of(batch.start + chosen)))
-        return surfaces
+        return self._with_laws(batch, [
+            (rule, (layers.argmin(axis=0) == number) & (layers[number] == layer))
+            for number, side in enumerate(sides)
+            for layer, rule in enumerate(element.SURFACES[side])])
 
     def _source_weight(self, weight, number):
         """The Gauss weights (points, n) of the fluidity source, zero where another rule applies."""
-        if not self._surfaces[number]:
-            return weight
         weight = weight.copy()
         for _, chosen, _ in self._surfaces[number]:
             weight[:, chosen] = 0.0
         return weight
 
     def increment(self, x, stress, theta, time, rate_from=None):
-        """Return the `Increment` that ends at a time.
-
-        Prescribed rates are differences from the time ``rate_from``, and zero without it.
-        """
+        """Return the `Increment` to a time, with prescribed rates since the time ``rate_from``."""
         values = self.prescribed(time)
         rates = np.zeros_like(values)
         if rate_from is not None and time > rate_from:
@@ -226,19 +192,11 @@ class WeakForm:
         """Return I of the plastic rate at the Gauss points, (points, n)."""
         return self.collect(local, increment, lambda p: p.response.inertial_number)
 
-    def pressure(self, local, increment):
-        """Return P at the Gauss points, (points, n), stress."""
-        return self.collect(local, increment, lambda p: p.P)
-
-    def stress_ratio(self, local, increment):
-        """Return mu = tau/P at the Gauss points, (points, n)."""
-        return self.collect(local, increment, lambda p: p.response.stress_ratio)
-
     def spurious_root(self, local, increment):
-        """Return the largest mu_loc(I) - mu_s at a spurious root of F, or 0. Collective.
+        """Return the largest `Model.spurious_root` over elements, or 0. Collective.
 
-        An element is at this root if all its Gauss points are, see `Model.spurious_root`. With the
-        result as ``increment.decay`` the root is absent.
+        The value of an element is the minimum over its Gauss points. With the result as
+        ``increment.decay`` the root is absent.
         """
         if not self.grid.has_fluidity:
             return 0.0
@@ -246,27 +204,16 @@ class WeakForm:
         worst = excess.min(axis=0)[self.grid.elements.owned]
         return self.grid.comm.tompi4py().allreduce(float(worst.max(initial=0.0)), MPI.MAX)
 
-    def spin(self, velocity, x):
-        """Return the spin (d v2/d x1 - d v1/d x2)/2, (points, n), of a nodal velocity."""
-        (_, l12), (l21, _) = self.grid.gradient(velocity, x)
-        return (l21 - l12) / 2.0
-
     # Residual
 
     def residual(self, local, rate, increment):
-        """Return the residual of the owned rows, (n_owned,), from unknowns and their rates.
-
-        Rows of prescribed unknowns contain value minus prescribed value.
-        """
+        """Return the residual (n_owned,); prescribed unknowns have value minus prescribed value."""
         total = self.forces(local, rate, increment)
         total[self.held] = (local - increment.prescribed)[self.held]
         return total[self.grid.owned]
 
     def forces(self, local, rate, increment):
-        """Return the residual before the rows of prescribed unknowns are replaced, (n_local,).
-
-        At held nodes the velocity rows are the force on the material, stress times d.
-        """
+        """Return the residual (n_local,) with the forces on held nodes, stress times d."""
         grid = self.grid
         local = np.where(self.held, increment.prescribed, local)
         if any(self.storage.values()):
@@ -278,19 +225,18 @@ class WeakForm:
                 self._element_forces(local, rate, increment, number, forces)
                 for scatter in sums:
                     scatter.add(forces.ravel(), total)
-        velocity, _, _ = grid.split(total)
-        velocity -= increment.load
+        grid.split(total)[0][:] -= increment.load
         return total
 
     def _element_forces(self, local, rate, increment, number, out):
-        """Put the forces of the elements of a batch into ``out``, (rows, n)."""
+        """Put the forces of a batch into ``out``, (rows, n)."""
         p, blocks = BatchPoints(self, local, increment, number), self.grid.blocks
         unknowns = self.grid.element_unknowns[:, self.batches[number]]
         s11, s22, s12 = p.deviator()
         weight = p.geometry.weight
         slopes = element.SHAPE_SLOPE.reshape(DIM * POINTS, NODES).T
         case, density = self.case, self.storage["velocity"]
-        bodies = None if case.body_force is None else case.body_force(p.x) * weight
+        bodies = case.body_force(p.x) * weight if case.body_force else None
 
         def store(rows, coefficient):
             rates = element.SHAPE @ rate[unknowns[rows]]
@@ -330,14 +276,20 @@ class WeakForm:
     def _lay_out_entries(self):
         """Number the entries of the element matrices, block by block, and find the force sums."""
         grid, count = self.grid, 0
-        self._rows, self._matrices, self._mass = {}, {}, None
-        flow = [(row, column) for row in grid.fields for column in grid.fields]
-        self._couplings = flow, [(row, "P") for row in grid.fields], [
-            ("P", column) for column in grid.velocities]
-        for pair in sum(self._couplings, []):
-            size = np.prod([len(grid.element_unknowns[grid.blocks[name]]) for name in pair])
-            self._rows[pair] = slice(count, count + size)
-            count += size
+        self._rows, self._matrices = {}, {}
+        fields = {name: Field(grid.nodes, number, grid.element_nodes)
+                  for number, name in enumerate(grid.fields)}
+        fields["P"] = Field(grid.corners, 0, grid.element_corners)
+        self._couplings = []
+        for names in (product(grid.fields, grid.fields), product(grid.fields, "P"),
+                      product("P", grid.velocities)):
+            self._couplings.append([])
+            for row, column in names:
+                size = len(fields[row].points) * len(fields[column].points)
+                self._rows[row, column] = slice(count, count + size)
+                self._couplings[-1].append((fields[row], fields[column]))
+                count += size
+        self._pressures = fields["P"]
         self._force_sums, known = [], {}
         for batch in self.batches:
             rows, flow = grid.element_unknowns[:, batch], (
@@ -345,37 +297,26 @@ class WeakForm:
             self._force_sums.append([ScatterAdd(part, rows.ravel()[part], grid.n_local, known)
                                      for part in (slice(0, flow), slice(flow, None))])
 
-    def _group(self, pairs, pressure):
-        """The `Block` of each pair of names; ``pressure`` is the part of the corners."""
-        grid = self.grid
-        fields = {name: Field(0, number, grid.element_nodes)
-                  for number, name in enumerate(grid.fields)}
-        fields["P"] = Field(pressure, 0, grid.element_corners)
-        return [Block(fields[row], fields[column]) for row, column in pairs]
-
     def _unknowns(self):
         """The `Unknowns` at the nodes and at the corners."""
-        grid, held = self.grid, np.split(self.held, [self.grid.n_flow])
-        return [Unknowns([DofLayout(lattice, dof)], lattice.dm.getLGMap().indices, part)
-                for lattice, dof, part in zip((grid.nodes, grid.corners), (grid.dof, 1), held)]
+        held = np.split(self.held, [self.grid.n_flow])
+        return [Unknowns([lattice], lattice.dm.getLGMap().indices, part)
+                for lattice, part in zip((self.grid.nodes, self.grid.corners), held)]
 
     def _element_matrices(self, kind):
         """The `InPlaceMatrix` of each block of a Jacobian, [[...], ...]. Collective."""
         if kind not in self._matrices:
-            grid, (flow, right, below) = self.grid, self._couplings
+            grid, (flow, right, below), first = self.grid, self._couplings, 0
+            parts, groups = self._unknowns(), [[[flow], [right]], [[below], []]]
             if kind == "aij":
-                parts = Unknowns([DofLayout(grid.nodes, grid.dof), DofLayout(grid.corners, 1)],
-                                 grid.global_number, self.held)
-                groups = [self._group(pairs, 1) for pairs in (flow + right, below)]
-                self._matrices[kind] = [[InPlaceMatrix(grid, parts, parts, groups, self.batches)]]
-            else:
-                parts, first, found = self._unknowns(), 0, [[], []]
-                for row, column, pairs in (0, 0, flow), (0, 1, right), (1, 0, below), (1, 1, []):
-                    found[row].append(InPlaceMatrix(
-                        grid, parts[row], parts[column], [self._group(pairs, 0)] if pairs else [],
-                        self.batches, first, kind == "blocked" and row == column == 0))
-                    first += found[row][-1].entries
-                self._matrices[kind] = found
+                parts = [Unknowns([grid.nodes, grid.corners], grid.global_number, self.held)]
+                groups = [[[flow + right, below]]]
+            self._matrices[kind] = [[] for _ in parts]
+            for (a, row), (b, column) in product(enumerate(parts), repeat=2):
+                self._matrices[kind][a].append(InPlaceMatrix(
+                    grid, row, column, groups[a][b], self.batches, first,
+                    kind == "blocked" and a == b == 0))
+                first += self._matrices[kind][a][-1].entries
         return self._matrices[kind]
 
     def create_matrix(self, kind="aij"):
@@ -395,32 +336,30 @@ class WeakForm:
 
     def create_pressure_mass(self):
         """Return an empty matrix for `pressure_mass`. Collective."""
-        if self._mass is None:
-            corners = self._unknowns()[1]
-            self._mass = InPlaceMatrix(
-                self.grid, corners, corners, [self._group([("P", "P")], 0)], self.batches)
+        corners = self._unknowns()[1]
+        self._mass = InPlaceMatrix(
+            self.grid, corners, corners, [[(self._pressures, self._pressures)]], self.batches)
         return self._mass.create()
 
     def fluidity_defect(self, rows, increment):
-        """Return the residual of the fluidity equation at the nodes, (n_nodes,), gdot0. Collective.
+        """Return the fluidity ``rows`` of a `residual` over the lumped mass, (n_nodes,), gdot0.
 
-        It is the part of the ``rows`` (n_owned,) from `residual`, divided by the integral of the
-        test functions. Ghosts have the values of their owners.
+        Collective. Prescribed unknowns have 0.
         """
-        grid, local = self.grid, np.zeros(self.grid.n_local)
+        grid, local, vector = self.grid, np.zeros(self.grid.n_local), self.grid.create_vector()
         local[grid.owned] = rows
         local[self.held] = 0.0
         mass = grid.sum_at_nodes(element.SHAPE.T @ increment.geometry.weight)
-        defect, owned = np.zeros((1, grid.nodes.size)), grid.nodes.owned
-        defect[0, owned] = grid.split(local)[1][owned] / mass[owned]
-        return grid.with_ghosts(defect)[0]
+        grid.split(local)[1][grid.nodes.owned] /= mass[grid.nodes.owned]
+        grid.from_local(local, vector)
+        return grid.split(grid.to_local(vector))[1]
 
     def jacobian(self, local, shift, increment, matrix, defect=None, more=()):
         """Fill ``matrix`` with d(residual)/d(unknowns) + shift d(residual)/d(rates). Collective.
 
         Prescribed unknowns have rows and columns of the identity. With a ``defect`` (n_nodes,) from
-        `fluidity_defect`, dF/dmu is the slope of the `secant` over which F falls by the defect.
-        ``more`` are further parts and matrices for `pgran.space.matrix.fill`.
+        `fluidity_defect`, dF/dmu is the slope of the `secant`. ``more`` are further pairs for
+        `fill`.
         """
         local = np.where(self.held, increment.prescribed, local)
         kind = "aij" if matrix.getType() != PETSc.Mat.Type.NEST else "blocked" if (
@@ -433,8 +372,8 @@ class WeakForm:
                 local, shift, increment, number, out, defect))
         matrix.assemble()
 
-    def _element_tangents(self, local, shift, increment, number, out, defect=None):
-        """Put the element matrices of a batch into ``out``, block by block, (entries, n).
+    def _element_tangents(self, local, shift, increment, number, out, defect):
+        """Put the element matrices of a batch into ``out``, (entries, n).
 
         With n = 2 D~/gdot~ and c = d(viscosity)/d(gdot~) gdot~, the stress changes by
         2 viscosity dD + c n (n:dD) + gdot~ n (viscosity_P dP + viscosity_g dg).
@@ -451,20 +390,17 @@ class WeakForm:
             np.matmul(table, factors.reshape(table.shape[1], n), out=out[rows[row, column]])
 
         def mass(field):
-            """The mass matrix of a field, None without storage."""
-            coefficient = self.storage[field]
-            return element.VALUE_VALUE @ (coefficient * shift * weight) if coefficient else None
+            return element.VALUE_VALUE @ (self.storage[field] * shift * weight)
 
         direction = p.direction_pulled_back()                     # n_ik d xi_r/d x_k
         viscous = weight * viscosity.value
         metric = np.einsum("krqe,ksqe->rsqe", inverse, inverse)
         tangent = weight * viscosity.rate * p.gdot if np.ndim(viscosity.rate) else None
-        inertia = mass("velocity")
+        inertia = mass("velocity") if self.storage["velocity"] else None
         if self.convective:  # (w, (v.grad) dv)
             convection = np.einsum("kqe,ksqe->sqe", p.total_velocity, inverse) * weight
-            convection = element.VALUE_SLOPE @ (
+            inertia += element.VALUE_SLOPE @ (
                 self.storage["velocity"] * convection).reshape(-1, n)
-            inertia = convection if inertia is None else inertia + convection
         for i, row in enumerate(self.grid.velocities):
             for j, column in enumerate(self.grid.velocities):
                 factors = viscous * (inverse[j][:, None] * inverse[i][None, :])
@@ -539,12 +475,10 @@ class WeakForm:
             fill([(self._mass, matrix)], self.batches, masses)
 
     def lumped_storage(self, shift, increment):
-        """Return shift phi rho_s times the lumped mass of owned velocities, (2 n_owned,).
+        """Return shift phi rho_s times the lumped mass of owned unknowns at nodes, (n,).
 
-        It is in stress d^2/(d gdot0), node by node; ``shift`` in gdot0. None without inertia.
+        It is in stress d^2/(d gdot0), node by node; ``shift`` in gdot0.
         """
-        density = self.storage["velocity"]
-        if not density:
-            return None
         mass = self.grid.sum_at_nodes(element.SHAPE.T @ increment.geometry.weight)
-        return density * shift * np.repeat(mass[self.grid.nodes.owned], DIM)
+        return self.storage["velocity"] * shift * np.repeat(
+            mass[self.grid.nodes.owned], self.grid.dof)
