@@ -4,6 +4,8 @@ With backward Euler each step of TS solves a `TimeStep`, and `StepController` ch
 pseudo-time continuation the mesh is frozen, and the elasticity provides the rate in pseudo-time.
 """
 
+from dataclasses import fields
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -16,7 +18,7 @@ from .controller import LEAST_SHARE, StepController
 from .energy import Balance
 from .failure import describe, name_of
 from .petsc_options import check_options, matrix_type
-from .state import TimeStep, frozen, velocity
+from .state import TimeStep, steady_residual, velocity
 from .tolerances import Tolerances
 
 #: Errors that callbacks raise on all ranks together.
@@ -24,13 +26,7 @@ ERRORS = SolutionError, ParameterError, OptionError, Interrupted
 
 
 class AcceptedStep:
-    """An accepted step for `pgran.cases.Case.observe`.
-
-    Attributes
-    ----------
-    time : float
-        1/gdot0.
-    """
+    """An accepted step, at ``time`` (1/gdot0), for `pgran.cases.Case.observe`."""
 
     def __init__(self, form, time, local, forces, x):
         self.form, self.time, self._local, self._forces, self._x = form, time, local, forces, x
@@ -48,13 +44,12 @@ class AcceptedStep:
 
     def mean_velocity(self, side=None):
         """Return the mean velocity (2,) of a side or of the volume, d gdot0. Collective."""
-        form, x = self.form, self._x
-        nodal = velocity(form, self._local, x)
+        grid, x = self.form.grid, self._x
+        nodal = velocity(self.form, self._local, x)
         if side:
-            sums = diagnostics.side_integrals(form.grid, nodal, x, side)
+            sums = diagnostics.side_integrals(grid, nodal, x, side)
         else:
-            sums = diagnostics.integrals(
-                form.grid, nodal, Geometry(x[:, form.grid.element_nodes]))
+            sums = diagnostics.integrals(grid, nodal, Geometry(x[:, grid.element_nodes]))
         sums = self._comm.allreduce(sums)
         return sums[:DIM] / sums[DIM]
 
@@ -77,7 +72,7 @@ class Driver:
     ----------
     form : pgran.space.weakform.WeakForm
     state : pgran.solve.state.State
-        Initial state of the run.
+        Initial state of the run; later the attribute ``state`` is the last accepted one.
     observer : callable
         ``observer(driver, landed, report)`` is called after each accepted step. ``landed`` is
         whether the step reached a target, and ``report`` contains the columns of the history.
@@ -92,23 +87,18 @@ class Driver:
 
     Attributes
     ----------
-    state : pgran.solve.state.State
-        The last accepted state.
-    controller : pgran.solve.controller.StepController
-    rejected : int
-        Number of repeated steps.
     at_rest : bool
         Whether the flow has come to rest, which ends the run.
     """
 
     def __init__(self, form, state, observer, steady=False, targets=None, checkpoint=None,
-                 stop_requested=None):
+                 stop_requested=lambda: None):
         self.form, self.case, self.grid = form, form.case, form.grid
         self.parameters = parameters = form.case.parameters
         self.state, self.observer, self.steady = state, observer, steady
         self.comm = form.grid.comm.tompi4py()
-        self._checkpoint = dict(checkpoint or {})
-        self._stop_requested = stop_requested or (lambda: None)
+        self._checkpoint = checkpoint or {}
+        self._stop_requested = stop_requested
         targets = [] if steady else form.case.targets if targets is None else targets
         unresolved = 0.1 * form.material.loading_time
         self._first_step = parameters.step_first or min(parameters.step_max, unresolved)
@@ -128,7 +118,7 @@ class Driver:
             self._attempts = 1
             self._failure = self._checkpoint["failure"], self._checkpoint["cure"]
             self._decay = self._checkpoint.get("decay", 0.0)
-        #: Whether the last step was faster than ``rest_speed``; False at the start of a run.
+        # Whether the last step was faster than ``rest_speed``; False at the start of a run.
         self._moving = state.dt is not None and self._fast(state)
         self.at_rest = bool(self._checkpoint.get("at_rest")) and self._rest_speed > 0.0 and (
             not self._moving)
@@ -142,7 +132,7 @@ class Driver:
 
     def _check_sizes(self, targets):
         """Refuse a smallest step that exceeds the first step or the distance of two targets."""
-        parameters, least = self.parameters, self.parameters.step_min
+        least = self.parameters.step_min
         for before, after in zip([self.state.time, *targets], targets):
             if 0.0 < after - before < least:
                 raise ParameterError(
@@ -152,16 +142,13 @@ class Driver:
             raise ParameterError(
                 "step_min", least, "the first step, a tenth of the time of elastic loading, is "
                 f"smaller, {self._first_step:.3g}; use a smaller @step_min, a smaller "
-                f"@shear_modulus than {parameters.shear_modulus:g}, or @step_first")
+                f"@shear_modulus than {self.parameters.shear_modulus:g}, or @step_first")
 
     def _initial_balance(self):
-        names = "stored", "work", "dissipation", "received", "dissipated"
         if self._checkpoint:
-            return Balance(**{name: self._checkpoint.get(name) for name in names})
-        state = self.state
-        stressed = self.comm.allreduce(bool(state.stress.any()), MPI.LOR)
-        stored, _ = diagnostics.stored_energy(self.form, state.local, state.stress,
-                                              Geometry(state.x[:, self.grid.element_nodes]))
+            return Balance(*(self._checkpoint.get(field.name) for field in fields(Balance)))
+        stressed = self.comm.allreduce(bool(self.state.stress.any()), MPI.LOR)
+        stored, _ = self._stored_energy(self.state.local)
         power = None if stressed else 0.0  # without stress all powers are zero
         return Balance(stored, received=power, dissipated=power)
 
@@ -172,7 +159,6 @@ class Driver:
                 self.parameters.coarse_correction):
             kind = "blocked"
         self.matrix = form.create_matrix(kind)
-        self.schur = self.hierarchy = self._correction = None
         ts = PETSc.TS().create(comm=self.grid.comm)
         ts.setDM(multigrid.field_shell(form))
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
@@ -196,6 +182,7 @@ class Driver:
         ksp = ts.getSNES().getKSP()
         self.schur = schur.configure(ksp, form)
         self.hierarchy = galerkin.Hierarchy(ksp, form) if galerkin.requested() else None
+        self._correction = None
         if self.parameters.coarse_correction:
             self._correction = coarse.correct(ksp, ts.getDM(), form)
         return ts
@@ -211,7 +198,6 @@ class Driver:
         self.ts.destroy()
         if self._correction:
             self._correction.inner.destroy()
-            self._correction = None
         dm.destroy()
 
     @property
@@ -224,10 +210,7 @@ class Driver:
     def time_step(self, dt):
         """Return the `TimeStep` of size ``dt`` from the last accepted state.
 
-        Raises
-        ------
-        SolutionError
-            If repeated steps have become smaller than the smallest step.
+        Raises `SolutionError` if repeated steps have become smaller than the smallest step.
         """
         if self._dt is not None and abs(dt - self._dt) <= 1e-9 * dt:  # equal except for rounding
             return self._step
@@ -247,7 +230,7 @@ class Driver:
         return f"at {self.case.label(self.state.time)} (time {self.state.time:.6g})"
 
     def _step_failed(self, what):
-        """Return the error of a step that is not repeated, with the reason of the last failure."""
+        """Return the error of a step that is not repeated."""
         why, remedy = self._failure
         return SolutionError(f"{what} {self._now}: {why}. What may help: {remedy}")
 
@@ -324,12 +307,8 @@ class Driver:
     def solve(self):
         """Solve until the end of the run.
 
-        Raises
-        ------
-        SolutionError
-            If no step converges, no steady flow is found, or the mesh becomes invalid.
-        Interrupted
-            If the run was requested to stop.
+        Raises `SolutionError` if no step converges, no steady flow is found, or the mesh becomes
+        invalid, and `Interrupted` if the run was requested to stop.
         """
         u = self.grid.create_vector()
         self.grid.from_local(self.state.local, u)
@@ -470,10 +449,7 @@ class Driver:
 
     def steady_residual(self):
         """Return the norm of the residual (2.9)-(2.11) of the last state without rates."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            rows = self.form.residual(self.state.local, np.zeros(self.grid.n_local),
-                                      frozen(self.form, self.state))
-        return float(np.sqrt(self.comm.allreduce(rows @ rows)))
+        return steady_residual(self.form, self.state)
 
     def _report(self, dt):
         """Return the columns of the history for the last accepted step."""
@@ -491,12 +467,14 @@ class Driver:
             "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX),
             **self.case.observe(step)}
         if self.balance:
-            self.balance.add(dt, *diagnostics.power(
-                self.form, local, forces, increment))
-            report.update(self.balance.report(*diagnostics.stored_energy(
-                self.form, local, self.state.stress,
-                Geometry(self.state.x[:, self.grid.element_nodes]))))
+            self.balance.add(dt, *diagnostics.power(self.form, local, forces, increment))
+            report.update(self.balance.report(*self._stored_energy(local)))
         return report
+
+    def _stored_energy(self, local):
+        """Return the stored energy and the volume of the last accepted state."""
+        x, stress = self.state.x[:, self.grid.element_nodes], self.state.stress
+        return diagnostics.stored_energy(self.form, local, stress, Geometry(x))
 
     def cost(self):
         """Return the numbers of steps and iterations so far, including repeated steps."""
@@ -510,11 +488,9 @@ class Driver:
     def values(self, repeat=True):
         """Return the numbers of a checkpoint, the argument ``checkpoint`` of `Driver`. Collective.
 
-        If the last attempt of the next step failed, they contain the size of the next attempt and
-        the reason, and a restart makes the same attempt. If ``repeat`` is False, as after an error,
-        a restart begins with the desired step.
+        A restart repeats a failed attempt of the next step unless ``repeat`` is False.
         """
-        found = {**self.cost(), **self.balance.values(), **self.state.values(self.grid),
+        found = {**self.cost(), **vars(self.balance), **self.state.values(self.grid),
                  "ts_time": self._time, "wanted": self.controller.wanted or self._first_step,
                  "perturbation": self._deviation, "at_rest": int(self.at_rest)}
         if repeat and self._failure is not None:
@@ -528,10 +504,8 @@ class Driver:
 
         Ghost nodes may lack contributions of other ranks.
         """
-        local, _, increment = self._accepted
-        form, x = self.form, self.state.x
-        speed, fields = velocity(form, local, x), diagnostics.nodal_fields(
-            form, local, increment)
+        (local, _, increment), form, x = self._accepted, self.form, self.state.x
+        speed, fields = velocity(form, local, x), diagnostics.nodal_fields(form, local, increment)
         deviator = np.array([form.grid.at_nodes(part) for part in self.state.stress])
         pressure = np.multiply.outer([1.0, 1.0, 0.0], fields["pressure"])
         return {"coordinates": x, "velocity": speed, **fields, "deviator": deviator,

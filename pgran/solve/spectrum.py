@@ -164,16 +164,6 @@ def row_of(value, error):
             "relative_error": None, "harmonic": None, "share": None, "residual": error}
 
 
-def unsteadiness(form):
-    """Return the residual norm with inertia of the snapshot of ``-pgran_restart``, stress d.
-
-    A spectrum gives the growth of disturbances only if this norm is small. Collective.
-    """
-    start = state.snapshot_start(form)
-    rows = form.residual(start.local, np.zeros_like(start.local), state.frozen(form, start))
-    return float(np.sqrt(form.grid.comm.tompi4py().allreduce(rows @ rows)))
-
-
 def use_mumps(ksp):
     """Make MUMPS the default solver of a KSP."""
     ksp.setType(PETSc.KSP.Type.PREONLY)

@@ -5,10 +5,10 @@ with the material, and solves for the unknowns at its end with the stress rate o
 acceptance the mesh moves by the trapezoidal rule, and the new stress is stored. If the flow grows
 as exp(r t), this rule adds an error of (r dt)^3/12 per step; a prediction of second order would
 subtract 5/12 (r dt)^4, which is larger for r dt > 1/5. On a fixed mesh the flow rotates and
-advects the stress instead. In pseudo-time the stress is neither rotated nor advected, so that the
-steady state is rigid-viscous flow.
+advects the stress instead. In pseudo-time it does neither.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ NUMBERS = ("time", "period", "ts_time", "wanted", "steps", "history", "snapshots
            "dissipation")
 
 
+@dataclass
 class State:
     """An accepted state on one rank, from which a step starts.
 
@@ -58,12 +59,19 @@ class State:
         The `ErrorEstimate.growth_signal` of the last step; None at the start.
     """
 
-    def __init__(self, time, x, local, stress, dt=None, previous_stress=None, rate=None,
-                 velocity_curvature=None, growth_signal=None):
-        self.time, self.x, self.local, self.stress, self.dt = time, x, local, stress, dt
-        self.previous_stress, self.velocity_curvature = previous_stress, velocity_curvature
-        self.growth_signal = growth_signal
-        self.rate = np.zeros_like(local) if rate is None else rate
+    time: float
+    x: np.ndarray
+    local: np.ndarray
+    stress: np.ndarray
+    dt: float = None
+    previous_stress: np.ndarray = None
+    rate: np.ndarray = None
+    velocity_curvature: np.ndarray = None
+    growth_signal: float = None
+
+    def __post_init__(self):
+        if self.rate is None:
+            self.rate = np.zeros_like(self.local)
 
     def extrapolated(self, dt):
         """Return unknowns and stress after ``dt``, extrapolated from the last two states."""
@@ -73,10 +81,7 @@ class State:
                 self.stress + dt / self.dt * (self.stress - self.previous_stress))
 
     def mean_velocity(self, form, dt):
-        """Return the expected mean velocity (2, n_nodes) in a step ``dt``, d gdot0.
-
-        It is the mean of the parabola through the last three states.
-        """
+        """Return the mean (2, n_nodes) over ``dt`` of the parabola through the last velocities."""
         mean = velocity(form, self.local + 0.5 * dt * self.rate, self.x)
         if self.velocity_curvature is None:
             return mean
@@ -147,21 +152,15 @@ def _initial_mesh(form):
     return form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
 
 
-def _corner_nodes(grid):
-    return grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)
+def _joined(grid, velocity, fluidity, pressure):
+    """Return the unknowns of nodal fields (..., n_nodes)."""
+    corners = grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)
+    return grid.join(velocity, fluidity, pressure[corners])
 
 
-def _unknowns(form, fields):
-    """Return the unknowns of ``fields(points)``: velocity, fluidity and pressure."""
-    x = _initial_mesh(form)
-    velocity, fluidity, _ = fields(x)
-    return form.grid.join(velocity, fluidity, fields(x[:, _corner_nodes(form.grid)])[2])
-
-
-def _joined(form, fields):
-    """Return the unknowns of nodal fields {name: (..., n_nodes)}."""
-    return form.grid.join(fields["velocity"], fields.get("fluidity"),
-                          fields["pressure"][_corner_nodes(form.grid)])
+def _stored(grid, fields):
+    """Return the unknowns of the nodal fields of a file, {name: (..., n_nodes)}."""
+    return _joined(grid, *map(fields.get, ("velocity", "fluidity", "pressure")))
 
 
 def _at_points(form, nodal):
@@ -171,24 +170,19 @@ def _at_points(form, nodal):
 
 def rest(form):
     """Return the `State` at rest before loading: no stress deviator, and the model's fluidity."""
-    case = form.case
-
-    def start(points):
-        velocity, fluidity, pressure = case.start(points)
-        share = case.material.model.start_fluidity
-        return velocity, fluidity + share * case.reference(points)[1], pressure
-
-    return State(0.0, _initial_mesh(form), _unknowns(form, start), form.no_stress())
+    case, x = form.case, _initial_mesh(form)
+    velocity, fluidity, pressure = case.start(x)
+    fluidity = fluidity + case.material.model.start_fluidity * case.reference(x)[1]
+    return State(0.0, x, _joined(form.grid, velocity, fluidity, pressure), form.no_stress())
 
 
-def reference(form):
-    """Return the `State` of the rigid-viscous reference flow of the case. Collective."""
-    return _rigid_viscous(form, _unknowns(form, form.case.reference))
+def reference(form, change=0.0):
+    """Return the `State` of the rigid-viscous reference flow of the case. Collective.
 
-
-def _rigid_viscous(form, local):
-    """Return the `State` on the initial mesh with the stress that follows from the unknowns."""
+    ``change`` is added to its unknowns.
+    """
     x = _initial_mesh(form)
+    local = _joined(form.grid, *form.case.reference(x)) + change
     increment = form.increment(x, form.no_stress(), 0.0, 0.0)
     increment.prescribed = np.full(form.grid.n_local, np.nan)  # no boundary values
     return State(0.0, x, local, form.stress(local, increment))
@@ -197,23 +191,19 @@ def _rigid_viscous(form, local):
 def seeded(form):
     """Return the `State` of the sum of a flow and the mode of ``-pgran_mode_file``. Collective.
 
-    The flow is the reference flow, or the snapshot about which the mode was computed with its
-    stress. Raises `pgran.options.ParameterError` if the mode does not fit.
+    The flow is the reference flow, or the snapshot about which the mode was computed. Raises
+    `pgran.options.ParameterError` if the mode does not fit.
     """
     mode, base = read_mode(form.case.parameters, form)
-    change = form.case.parameters.mode_amplitude * _joined(form, mode)
+    change = form.case.parameters.mode_amplitude * _stored(form.grid, mode)
     if base:
-        return State(0.0, _initial_mesh(form), _joined(form, base) + change,
+        return State(0.0, _initial_mesh(form), _stored(form.grid, base) + change,
                      _at_points(form, base["deviator"]))
-    return _rigid_viscous(form, _unknowns(form, form.case.reference) + change)
+    return reference(form, change)
 
 
 def steady_start(form):
-    """Return the initial `State` of a steady run. Collective.
-
-    It is the snapshot of ``-pgran_restart``, or the reference flow on the initial mesh. Raises
-    `pgran.options.ParameterError` if the snapshot does not fit.
-    """
+    """Return the snapshot of ``-pgran_restart`` or else the reference flow. Collective."""
     if form.case.parameters.restart:
         return snapshot_start(form)
     # Stress that follows from a strain rate is not in equilibrium: LI starts without stress.
@@ -231,7 +221,7 @@ def snapshot_start(form):
                              f"{parameters.case}, whose periodic grid moves")
     attributes, fields = read_snapshot(parameters, form)
     x = fields["coordinates"] if form.case.moving else _initial_mesh(form)
-    return State(float(attributes["time"]), x, _joined(form, fields),
+    return State(float(attributes["time"]), x, _stored(form.grid, fields),
                  _at_points(form, fields["deviator"]))
 
 
@@ -244,21 +234,18 @@ def frozen(form, state):
     return TimeStep(form, state, form.case.parameters.steady_time, frozen=True).increment
 
 
+def steady_residual(form, state):
+    """Return the norm of the residual of a state without rates, stress d. Collective."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rows = form.residual(state.local, np.zeros_like(state.local), frozen(form, state))
+    return float(np.sqrt(form.grid.comm.tompi4py().allreduce(rows @ rows)))
+
+
 def checkpoint_start(form):
-    """Return the `State` of the newest valid checkpoint of ``-pgran_restart``. Collective.
+    """Return the newest valid checkpoint of ``-pgran_restart``. Collective.
 
-    Returns
-    -------
-    state : State
-    values : dict
-        The numbers of the checkpoint.
-    damaged : list of str
-        Newer checkpoints that could not be read.
-
-    Raises
-    ------
-    ParameterError
-        If there is no valid checkpoint.
+    Returns its `State`, its numbers {name: value}, and the newer checkpoints that could not be
+    read, a list of str. Raises `pgran.options.ParameterError` if no checkpoint is valid.
     """
     path = form.case.parameters.restart
     disk = Disk(form.grid.comm.tompi4py(), "restart", path)
