@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..options import Interrupted, OptionError, ParameterError, SolutionError
+from ..options import Interrupted, ParameterError, SolutionError
 from ..space import coarse, diagnostics, galerkin, multigrid, schur
 from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
@@ -20,9 +20,6 @@ from .failure import describe, name_of
 from .petsc_options import check_options, matrix_type
 from .state import TimeStep, steady_residual, velocity
 from .tolerances import Tolerances
-
-#: Errors that callbacks raise on all ranks together.
-ERRORS = SolutionError, ParameterError, OptionError, Interrupted
 
 
 class AcceptedStep:
@@ -118,7 +115,8 @@ class Driver:
             self._attempts = 1
             self._failure = self._checkpoint["failure"], self._checkpoint["cure"]
             self._decay = self._checkpoint.get("decay", 0.0)
-        # Whether the last step was faster than ``rest_speed``; False at the start of a run.
+        self._rest_speed = getattr(parameters, "rest_speed", 0.0)
+        # Whether the last step was faster than this; False at the start of a run.
         self._moving = state.dt is not None and self._fast(state)
         self.at_rest = bool(self._checkpoint.get("at_rest")) and self._rest_speed > 0.0 and (
             not self._moving)
@@ -188,11 +186,7 @@ class Driver:
         return ts
 
     def destroy(self):
-        """Free the objects of PETSc. Collective.
-
-        TS and SNES refer to methods of the driver, which refers to TS and SNES. Python's garbage
-        collector does not detect cycles through PETSc.
-        """
+        """Free the objects of PETSc: garbage collection does not detect their cycles."""
         dm = self.ts.getDM()  # destroyed last, so that its callbacks are freed
         self._tolerances = self.hierarchy = self.schur = None  # they refer to SNES, KSP and PC
         self.ts.destroy()
@@ -235,7 +229,7 @@ class Driver:
         return SolutionError(f"{what} {self._now}: {why}. What may help: {remedy}")
 
     def _predict(self, snes, u):
-        """Set the initial guess of Newton's method: extrapolated, or constant after a failure."""
+        """Set the initial guess: extrapolated, or constant after a failure."""
         # A failed attempt has set the size of this one, and has left arbitrary values in u.
         dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
         if self._attempts and snes.getConvergedReason() < 0:
@@ -293,7 +287,7 @@ class Driver:
             self.hierarchy.update(jacobian, preconditioner)
 
     def _fluidity_defect(self, local, rate, increment):
-        """Return the defect for `WeakForm.jacobian`, or None for the tangent. Collective."""
+        """Return the defect for `WeakForm.jacobian`, or None for the tangent."""
         if not self.parameters.secant or not self.grid.has_fluidity:
             return None
         # SNES has usually evaluated the residual at these unknowns.
@@ -324,10 +318,7 @@ class Driver:
             with PETSc.Log.Stage("Solve"):
                 self.ts.solve(u)
         except PETSc.Error as error:
-            raised = callback_error(error)
-            if isinstance(raised, ERRORS):
-                raise raised from None
-            raise
+            raise callback_error(error) from None
         reason, reasons = self.ts.getConvergedReason(), PETSc.TS.ConvergedReason
         if reason < 0:
             why, remedy = self._failure or ("no step was accepted", "a smaller @step_max")
@@ -350,9 +341,16 @@ class Driver:
         step.dt = dt  # the time of TS, which differs by rounding
         if self._decay:  # solve the unmodified equations from this solution
             return self._repeat(ts, dt, local)
+        # At the root mu = mu_s of F, g differs from g_loc. F + eps g, eps = mu_loc(I) - mu_s, does
+        # not have it: g decreases until mu exceeds mu_loc(I). From there Newton's method converges
+        # to mu_loc(I) when eps returns to zero.
         excess = self.form.spurious_root(local, step.increment)
+        if excess and not self._guarded:
+            return self._repeat(ts, dt, local, excess)
         if excess:
-            return self._avoid_spurious_root(ts, dt, local, excess)
+            self._failure = ("Newton's method converges to mu = mu_s, which does not solve (2.5)",
+                             "a smaller @step_max")
+            return self._repeat(ts, LEAST_SHARE * dt)
         stress = self.form.stress(local, step.increment)
         if not self.steady:
             estimate = step.error_estimate(local, stress, self.parameters.step_min_deviation)
@@ -389,19 +387,6 @@ class Driver:
                 ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
         self.observer(self, target is not None or self.at_rest, self._report(dt))
 
-    def _avoid_spurious_root(self, ts, dt, local, excess):
-        """Repeat a step that converged to mu = mu_s, where F = 0 although g differs from g_loc.
-
-        F + eps g, eps = mu_loc(I) - mu_s, does not have this root, and g decreases until mu exceeds
-        mu_loc(I). From there Newton's method converges to mu_loc(I) when eps returns to zero. If
-        this fails, the step is repeated with a smaller size.
-        """
-        if not self._guarded:
-            return self._repeat(ts, dt, local, excess)
-        self._failure = ("Newton's method converges to mu = mu_s, which does not solve (2.5)",
-                         "a smaller @step_max")
-        self._repeat(ts, LEAST_SHARE * dt)
-
     def _repeat(self, ts, dt, guess=None, decay=0.0):
         """Repeat the step with size ``dt`` from a guess (n_local,) or, if None, a prediction."""
         self.rejected += 1
@@ -414,32 +399,25 @@ class Driver:
             ts.rollBack()
         ts.setTimeStep(dt)
 
-    @property
-    def _rest_speed(self):
-        return getattr(self.parameters, "rest_speed", 0.0)
-
     def _fast(self, state):
-        """Return whether the largest velocity exceeds ``rest_speed`` > 0. Collective."""
+        """Return whether the largest velocity exceeds ``rest_speed`` > 0."""
         if not self._rest_speed:
             return False
         speed = velocity(self.form, state.local, state.x)[:, self.grid.nodes.owned]
         return self.comm.allreduce(np.abs(speed).max(initial=0.0), MPI.MAX) > self._rest_speed
 
     def _check_mesh(self, state):
-        """Raise an error if elements are inverted or the mesh leaves its domain. Collective."""
+        """Raise an error if elements are inverted or the mesh leaves its domain."""
         nodes, owned = self.grid.nodes, self.grid.nodes.owned
-        elements = self.grid.element_nodes[:, self.grid.elements.owned]
-        determinants = least_determinant(state.x[:, elements])
-        found = None
+        x, elements = state.x[:, owned], self.grid.element_nodes[:, self.grid.elements.owned]
+        determinants, found = least_determinant(state.x[:, elements]), None
+        out = self.case.nodes_outside(state.time, x, nodes.i[owned], nodes.j[owned])
         if not (determinants > 0.0).all():
             middle = state.x[:, elements[NODES // 2]]
-            found = "an element is inverted", middle[:, np.argmin(determinants)].tolist()
-        out = self.case.nodes_outside(state.time, state.x[:, owned], nodes.i[owned], nodes.j[owned])
-        if out is not None and found is None and out[0].any():
-            found = out[1], state.x[:, owned][:, np.argmax(out[0])].tolist()
-        found = [place for place in self.comm.allgather(found) if place]
-        if found:
-            what, at = found[0]
+            found = "an element is inverted", middle[:, np.argmin(determinants)]
+        elif out and out[0].any():
+            found = out[1], x[:, np.argmax(out[0])]
+        for what, at in filter(None, self.comm.allgather(found)):
             raise SolutionError(
                 f"the mesh becomes invalid at {self.case.label(state.time)}: {what} at x = "
                 f"({at[0]:.4g}, {at[1]:.4g}) d. What may help: an earlier end, or a smaller "
@@ -452,20 +430,16 @@ class Driver:
         return steady_residual(self.form, self.state)
 
     def _report(self, dt):
-        """Return the columns of the history for the last accepted step."""
         snes, (local, rate, increment) = self.ts.getSNES(), self._accepted
         I = self.form.inertial_number(local, increment)
         forces = self.form.forces(local, rate, increment)
         step = AcceptedStep(self.form, self.state.time, local, forces, increment.x)
         report = {
-            "time": self.state.time,
-            "step_size": dt,
-            "courant_number": self._step.courant_number,
+            "time": self.state.time, "step_size": dt, "courant_number": self._step.courant_number,
             "newton_iterations": snes.getIterationNumber(),
             "linear_iterations": snes.getLinearSolveIterations(),
             "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),
-            "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX),
-            **self.case.observe(step)}
+            "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX), **self.case.observe(step)}
         if self.balance:
             self.balance.add(dt, *diagnostics.power(self.form, local, forces, increment))
             report.update(self.balance.report(*self._stored_energy(local)))
