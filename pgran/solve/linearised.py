@@ -1,10 +1,8 @@
 """Growth rates of the linearised time step on a moving mesh.
 
-A step maps mesh, stress and unknowns to their values at the next time. Its linearisation about the
-reference flow or a snapshot has multipliers m and growth rates log(m)/dt, which include the motion
-of the mesh and the history of the elastic stress, unlike the spectra of `pgran.solve.spectrum`.
-SLEPc computes the largest multipliers matrix-free: each product solves two linear systems with the
-Jacobian of the step.
+A step maps mesh, stress and unknowns to their values at the next time. Its linearisation about a
+flow has multipliers m and growth rates log(m)/dt. SLEPc computes the largest ones matrix-free: each
+product solves two linear systems with the Jacobian of the step.
 """
 
 import numpy as np
@@ -37,10 +35,10 @@ SHOWN = 2.0
 
 
 class LinearisedStep:
-    """The derivative of one step (backward Euler, trapezoidal mesh) about a flow.
+    """The derivative of one step about a flow. Collective.
 
     A disturbance is one array of this rank: mesh (2 n_nodes), unknowns (n_local) and stress
-    (3 points n_elements) with ghosts. Collective.
+    (3 points n_elements) with ghosts.
 
     Parameters
     ----------
@@ -51,11 +49,6 @@ class LinearisedStep:
         Names of omitted `PARTS`.
     start : pgran.solve.state.State, optional
         Start of the step; by default the reference flow.
-
-    Raises
-    ------
-    SolutionError
-        If Newton's method does not converge for the undisturbed step.
     """
 
     def __init__(self, form, dt, without=(), start=None):
@@ -139,24 +132,18 @@ class LinearisedStep:
         return np.concatenate([step.mesh_at_end(end).ravel(), end,
                                form.stress(end, increment).ravel()])
 
-    def apply(self, direction):
-        """Return the derivative in a direction (size,), by central differences. Collective."""
-        largest = self.form.grid.comm.tompi4py().allreduce(
-            np.abs(direction).max(initial=0.0), MPI.MAX)
-        scale = SIZE / (largest or 1.0)
-        plus, minus = (self._advanced(sign * scale * direction) for sign in (1.0, -1.0))
-        return (plus - minus) / (2.0 * scale)
-
     def mult(self, matrix, x, y):
-        """Multiply, as a PETSc matrix of type Python."""
-        y.setArray(self.apply(x.array_r))
+        """Multiply, as a PETSc matrix of type Python: central differences in the direction x."""
+        scale = SIZE / (x.norm(PETSc.NormType.NORM_INFINITY) or 1.0)
+        plus, minus = (self._advanced(sign * scale * x.array_r) for sign in (1.0, -1.0))
+        y.setArray((plus - minus) / (2.0 * scale))
 
 
-def fastest_modes(form, dt, without=(), count=4, start=None):
+def fastest_modes(form, dt, without=(), start=None):
     """Return the fastest growth rates of a step and their modes, fastest first. Collective.
 
-    ``count`` is the number of modes; see `LinearisedStep` for the other parameters. Solver options
-    have the prefixes ``-eps_`` and ``-step_``.
+    See `LinearisedStep` for the parameters. Solver options have the prefixes ``-eps_`` and
+    ``-step_``.
 
     Returns
     -------
@@ -173,7 +160,7 @@ def fastest_modes(form, dt, without=(), count=4, start=None):
     eps.setOperators(shell)
     eps.setProblemType(SLEPc.EPS.ProblemType.NHEP)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_MAGNITUDE)
-    eps.setDimensions(count, max(40, 4 * count))
+    eps.setDimensions(4, 40)
     eps.setTolerances(1e-6, 100)
     eps.setFromOptions()
     eps.solve()
@@ -189,8 +176,7 @@ def fastest_modes(form, dt, without=(), count=4, start=None):
 def spectrum(parameters, comm, dt):
     """Return form, rows and modes of a step ``dt``, 1/gdot0, about a snapshot. Collective.
 
-    The result has the form of `pgran.solve.spectrum.spectrum` with the modes of `fastest_modes`.
-    Raises `SolutionError` if no mode converges.
+    Rows are described in `pgran.solve.spectrum.spectrum`, modes in `fastest_modes`.
     """
     form = discretise(parameters, comm)
     found = fastest_modes(form, dt, start=states.snapshot_start(form))
@@ -202,20 +188,15 @@ def spectrum(parameters, comm, dt):
 
 
 def extrapolated(steps, rates):
-    """Return rates (n,), gdot0, extrapolated to a step of zero by a polynomial in the step.
-
-    ``steps`` (n,) are in 1/gdot0; the error of a rate is proportional to the step.
-    """
+    """Return rates (n,), gdot0, extrapolated to a step of zero by a polynomial in ``steps``."""
     return float(np.polynomial.polynomial.polyfit(steps, rates, len(steps) - 1)[0])
 
 
 def write_mode(path, form, rate, mode, option=("output", PREFIX)):
     """Write a mode of `fastest_modes` with growth rate ``rate``, gdot0, to a file. Collective.
 
-    The largest displacement of the mode is 1 d. The fields are ``displacement`` (d), ``velocity``
-    (d gdot0), ``pressure`` and, if present, ``fluidity``, on a mesh displaced by at most `SHOWN`.
-    ``option`` names the file as for `pgran.output.writer.Writer`. Returns this writer and the name
-    of a field for a picture.
+    The largest displacement of the mode is 1 d, and of the mesh `SHOWN`. ``option`` names the file
+    as for `pgran.output.writer.Writer`. Returns this writer and the name of a field for a picture.
     """
     grid = form.grid
     x = states.snapshot_start(form).x if form.case.parameters.restart else (
@@ -224,8 +205,8 @@ def write_mode(path, form, rate, mode, option=("output", PREFIX)):
     velocity, fluidity, pressure = grid.split(mode[x.size:x.size + grid.n_local])
     displacement = mode[:x.size].reshape(x.shape)
     fields = {"coordinates": x + SHOWN * displacement, "displacement": displacement,
-              "velocity": velocity, "pressure": form.grid.corner_field(pressure)}
-    if fluidity is not None:
+              "velocity": velocity, "pressure": grid.corner_field(pressure)}
+    if grid.has_fluidity:
         fields["fluidity"] = fluidity
     writer = write_once(path, form, fields, option, growth_rate=rate, complete=True)
     return writer, "fluidity" if "fluidity" in fields else "pressure"
