@@ -146,7 +146,7 @@ def test_an_interrupted_sweep_keeps_its_rows(tmp_path):
     """The second wave vector fails after the row of the first is written."""
     code = """
 import sys, slepc4py
-slepc4py.init(sys.argv)
+slepc4py.init()
 from pgran.solve import spectrum
 original, calls = spectrum.spectrum, []
 def cut(*arguments):

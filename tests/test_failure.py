@@ -67,7 +67,7 @@ def test_a_failed_factorisation_is_repeated(tmp_path):
 def test_a_failed_step_is_never_repeated_with_the_same_size(tmp_path):
     code = """
 import sys, petsc4py
-petsc4py.init(sys.argv)
+petsc4py.init()
 from pgran.__main__ import main
 from pgran.solve import driver
 driver.check_options = lambda *_: None

@@ -278,7 +278,7 @@ def test_a_restarted_run_that_is_killed_in_its_first_step_can_be_restarted(short
     pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 8)
     code = """
 import os, sys, petsc4py
-petsc4py.init(sys.argv)
+petsc4py.init()
 from pgran.__main__ import Run, main
 Run.checkpoint = lambda self: os._exit(9)
 sys.exit(main(sys.argv))
@@ -452,7 +452,7 @@ sys.exit(main(sys.argv))
 """
 _PETSC = """
 import petsc4py
-petsc4py.init(sys.argv)
+petsc4py.init()
 from petsc4py import PETSc
 """
 REMOVE = _PETSC + """
