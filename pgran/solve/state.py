@@ -34,40 +34,17 @@ NUMBERS = ("time", "period", "ts_time", "wanted", "steps", "history", "snapshots
 
 @dataclass
 class State:
-    """An accepted state on one rank, from which a step starts.
+    """An accepted state on one rank, from which a step starts; the end of the previous step."""
 
-    Attributes
-    ----------
-    time : float
-        1/gdot0.
-    x : ndarray, (2, n_nodes)
-        Mesh, d.
-    local : ndarray, (n_local,)
-        Unknowns.
-    stress : ndarray, (3, points, n)
-        Deviator, stress.
-    dt : float or None
-        Size of the last step; None at the start.
-    previous_stress : ndarray, (3, points, n), or None
-        Stress at the start of the last step, rotated and advected with the material.
-    rate : ndarray, (n_local,)
-        Difference quotient of the unknowns over the last step; zero at the start.
-    velocity_curvature : ndarray, (2, n_nodes), or None
-        Second divided difference of the velocity over the last two steps; None before the second
-        step.
-    growth_signal : float or None
-        The `ErrorEstimate.growth_signal` of the last step; None at the start.
-    """
-
-    time: float
-    x: np.ndarray
-    local: np.ndarray
-    stress: np.ndarray
-    dt: float = None
-    previous_stress: np.ndarray = None
-    rate: np.ndarray = None
-    velocity_curvature: np.ndarray = None
-    growth_signal: float = None
+    time: float  #: 1/gdot0
+    x: np.ndarray  #: mesh (2, n_nodes), d
+    local: np.ndarray  #: unknowns (n_local,)
+    stress: np.ndarray  #: deviator (3, points, n)
+    dt: float = None  #: size of the last step
+    previous_stress: np.ndarray = None  #: at the start of that step, transported to its end
+    rate: np.ndarray = None  #: difference quotient of the unknowns over that step, or zero
+    velocity_curvature: np.ndarray = None  #: second divided difference (2, n_nodes)
+    growth_signal: float = None  #: `ErrorEstimate.growth_signal` of that step
 
     def __post_init__(self):
         if self.rate is None:
@@ -88,7 +65,7 @@ class State:
         return mean + dt * (dt / 3.0 + self.dt / 2.0) * self.velocity_curvature
 
     def past_stress(self, dt, stresses):
-        """Return f and S of `stress_rate` for a step ``dt`` from `TimeStep.transport`."""
+        """Return f and S of `stress_rate` for the result of `TimeStep.transport`."""
         stress, *previous = stresses
         return stress_rate(dt, stress, self.dt, *previous)
 
@@ -132,13 +109,10 @@ class State:
                 x += np.outer(period, index // n)  # beyond the ends of a periodic grid
         local, rate = (grid.join(nodes[f"velocity{kind}"], nodes.get(f"fluidity{kind}"),
                                  corners[f"pressure{kind}"]) for kind in ("", "_rate"))
-        stress, previous_stress = (
-            None if part is None else np.ascontiguousarray(part)
-            for part in (arrays["elements"]["stress"], arrays["elements"].get("earlier_stress")))
-        dt, growth_signal = (None if values.get(name) is None else float(values[name])
-                             for name in ("dt", "pace"))
-        return cls(float(values["time"]), x, local, stress, dt, previous_stress, rate,
-                   nodes.get("velocity_bend"), growth_signal)
+        stresses = {name: np.ascontiguousarray(part) for name, part in arrays["elements"].items()}
+        return cls(values["time"], x, local, stresses["stress"], values.get("dt"),
+                   stresses.get("earlier_stress"), rate, nodes.get("velocity_bend"),
+                   values.get("pace"))
 
 
 def velocity(form, local, x):
@@ -228,8 +202,8 @@ def snapshot_start(form):
 def frozen(form, state):
     """Return the `Increment` of a steady state. Collective.
 
-    The stress of the state is kept as elastic stress that relaxes within ``steady_time``. Material
-    at rest can bear it, and creep contributes to the residual.
+    Its elastic stress relaxes within ``steady_time``: material at rest can bear it, and creep
+    contributes to the residual.
     """
     return TimeStep(form, state, form.case.parameters.steady_time, frozen=True).increment
 
@@ -274,32 +248,24 @@ def checkpoint_start(form):
 class ErrorEstimate(NamedTuple):
     """Error estimate of a step and deviation of its solution from the reference flow v0.
 
-    Attributes
-    ----------
-    error : float
-        Difference from the extrapolation (v*, sigma'*) of the last two states: the larger of
-        max|v - v*|/max|v - v0| and max|sigma' - sigma'*|/(mu_s P0).
-    deviation : float
-        Relative deviation from the reference flow: max|v - v0|/max|v|.
-    growth_signal : float
-        Largest change of v - v0 in the step, divided by dt; 0 if the change is `NOISE`.
-    exponent : float
-        Growth of ln(growth_signal) in a step of this size, from this step and the last one:
-        ln(s/s') 2 dt/(dt + dt'). Zero if it decreases, or in the first two steps. A constant
-        response to an imperfection can hide a growing mode in ``error``, but not in ``exponent``.
+    A constant response to an imperfection can hide a growing mode in ``error``, but not in
+    ``exponent``.
     """
 
+    #: Difference from the extrapolation (v*, sigma'*) of the last two states: the larger of
+    #: max|v - v*|/max|v - v0| and max|sigma' - sigma'*|/(mu_s P0).
     error: float
+    #: max|v - v0|/max|v|.
     deviation: float
+    #: Largest change of v - v0 in the step, divided by dt; 0 if the change is `NOISE`.
     growth_signal: float
+    #: Growth of ln(growth_signal) in a step of this size: ln(s/s') 2 dt/(dt + dt'), or 0.
     exponent: float
 
     @property
     def next_error(self):
-        """Expected error of the next step if it has the same size.
-
-        The line through the last two values of exp(r t) has a relative error of (r dt)^2.
-        """
+        """Expected error of the next step if it has the same size."""
+        # The line through the last two values of exp(r t) has a relative error of (r dt)^2.
         return max(self.error, self.exponent**2) if self.deviation < FORMED else self.error
 
 
@@ -318,16 +284,13 @@ class TimeStep:
     Attributes
     ----------
     increment : pgran.space.weakform.Increment
-        Quantities that are constant while the step is solved.
     courant_number : float
-        Largest number of elements that the material crosses in the step; 0 if the mesh moves with
-        the material or is frozen.
+        Largest number of elements of a fixed mesh that the material crosses in the step.
     """
 
     def __init__(self, form, state, dt, frozen=False):
         self.form, self.state, self.dt, self.frozen = form, state, dt, frozen or dt == 0.0
-        x, stress, end, factor = state.x, state.stress, state.time, 1.0
-        self.courant_number = 0.0
+        x, stress, end, factor, self.courant_number = state.x, state.stress, state.time, 1.0, 0.0
         if not self.frozen:
             middle = state.mean_velocity(form, dt)
             if form.case.moving:
@@ -344,11 +307,10 @@ class TimeStep:
         self.increment = form.increment(x, stress, theta, end, rate_from=state.time)
 
     def transport(self, state):
-        """Return the last one or two stress deviators, transported to the end of the step.
+        """Return the last one or two deviators (3, points, n), transported to the step's end.
 
-        Each is (3, points, n), the latest one first. They rotate with the material. On a fixed mesh
-        they are also advected, between two halves of the rotation, which is second order in time.
-        Collective.
+        They rotate with the material. On a fixed mesh they are also advected, between two halves of
+        the rotation, which is second order in time.
         """
         stresses = [state.stress] if state.dt is None else [state.stress, state.previous_stress]
         if self.form.case.moving:
@@ -378,11 +340,7 @@ class TimeStep:
                      self._previous_stress, rate, curvature, growth_signal)
 
     def error_estimate(self, local, stress, min_deviation):
-        """Return the `ErrorEstimate` of the solution. Collective.
-
-        The error of the velocity is relative to the perturbation v - v0, or to ``min_deviation``
-        times max|v| if this is larger.
-        """
+        """Return the `ErrorEstimate` of the solution, relative to at least ``min_deviation``."""
         form, owned, state = self.form, self.form.grid.nodes.owned, self.state
         x, comm = self.increment.x, form.grid.comm.tompi4py()
         expected, expected_stress = state.extrapolated(self.dt)
