@@ -15,7 +15,7 @@ SAME = 1e-12
 class StepController:
     """Chooses step sizes so that errors stay near a limit and targets are met exactly.
 
-    The error estimate of a step is proportional to the square of its size.
+    Errors are proportional to the square of the step size.
 
     Parameters
     ----------
@@ -42,10 +42,7 @@ class StepController:
         return not self.targets
 
     def start(self, time, wanted):
-        """Return the first step from ``time`` and skip the targets up to ``time``.
-
-        ``wanted`` is the desired step, for a restart the `wanted` of its checkpoint.
-        """
+        """Return the first step, if possible ``wanted``, and skip the targets up to ``time``."""
         while self.targets and self._reached(time):
             self.targets.pop(0)
         self.wanted = min(wanted, self.largest)
@@ -58,7 +55,7 @@ class StepController:
         return max(LEAST_SHARE, math.sqrt(self.limit / error)) * dt
 
     def land(self, time):
-        """Return and remove the target that an accepted step has reached, or return None."""
+        """Remove the target that an accepted step has reached; return it or None."""
         return self.targets.pop(0) if self.targets and self._reached(time) else None
 
     def _reached(self, time):

@@ -94,8 +94,7 @@ class Driver:
         self.parameters = parameters = form.case.parameters
         self.state, self.observer, self.steady = state, observer, steady
         self.comm = form.grid.comm.tompi4py()
-        self._checkpoint = checkpoint or {}
-        self._stop_requested = stop_requested
+        self._checkpoint, self._stop_requested = checkpoint or {}, stop_requested
         targets = [] if steady else form.case.targets if targets is None else targets
         unresolved = 0.1 * form.material.loading_time
         self._first_step = parameters.step_first or min(parameters.step_max, unresolved)
@@ -152,9 +151,8 @@ class Driver:
 
     def _create_ts(self):
         form = self.form
-        kind = matrix_type()
-        if kind == PETSc.Mat.Type.NEST and galerkin.requested() and not (
-                self.parameters.coarse_correction):
+        kind, corrected = matrix_type(), self.parameters.coarse_correction
+        if kind == PETSc.Mat.Type.NEST and galerkin.requested() and not corrected:
             kind = "blocked"
         self.matrix = form.create_matrix(kind)
         ts = PETSc.TS().create(comm=self.grid.comm)
@@ -176,13 +174,11 @@ class Driver:
         ts.setStepNumber(int(self._checkpoint.get("steps", 0)))
         ts.setTimeStep(self._first_step)
         ts.setFromOptions()
-        check_options(ts, self._time, self.grid.has_fluidity, self.parameters.coarse_correction)
+        check_options(ts, self._time, self.grid.has_fluidity, corrected)
         ksp = ts.getSNES().getKSP()
         self.schur = schur.configure(ksp, form)
         self.hierarchy = galerkin.Hierarchy(ksp, form) if galerkin.requested() else None
-        self._correction = None
-        if self.parameters.coarse_correction:
-            self._correction = coarse.correct(ksp, ts.getDM(), form)
+        self._correction = coarse.correct(ksp, ts.getDM(), form) if corrected else None
         return ts
 
     def destroy(self):
@@ -210,9 +206,9 @@ class Driver:
             return self._step
         if 0.0 < dt < self.parameters.step_min:
             least = f"@step_min {self.parameters.step_min:g}"
-            if self._failure is None:
-                raise SolutionError(f"the required step {self._now} is {dt:.3g}, below {least}")
-            raise self._step_failed(f"no step down to {least} converges")
+            if self._failure:
+                raise self._step_failed(f"no step down to {least} converges")
+            raise SolutionError(f"the required step {self._now} is {dt:.3g}, below {least}")
         self._attempts += 1
         # Between steps of pseudo-time TS evaluates residuals: with the elasticity of the last step.
         size = dt or (self._last if self.steady else 0.0)
@@ -224,7 +220,6 @@ class Driver:
         return f"at {self.case.label(self.state.time)} (time {self.state.time:.6g})"
 
     def _step_failed(self, what):
-        """Return the error of a step that is not repeated."""
         why, remedy = self._failure
         return SolutionError(f"{what} {self._now}: {why}. What may help: {remedy}")
 
@@ -258,9 +253,8 @@ class Driver:
 
     def _ifunction(self, ts, time, u, rate, f):
         with PETSc.Log.Stage("Residual"):
-            reasons = [text for text in self.comm.allgather(self._stop_requested()) if text]
-            if reasons:
-                raise Interrupted(reasons[0])
+            for reason in filter(None, self.comm.allgather(self._stop_requested())):
+                raise Interrupted(reason)
             self._tried, local_rate = self.grid.to_local(u), self.grid.to_local(rate)
             rows = self.form.residual(self._tried, local_rate, self._increment(ts, time))
             if self.steady and self._dt == 0.0 and self.comm.rank == 0:
@@ -452,12 +446,11 @@ class Driver:
 
     def cost(self):
         """Return the numbers of steps and iterations so far, including repeated steps."""
-        ts = self.ts
-        return {"steps": ts.getStepNumber(), **{
-            name: int(self._checkpoint.get(name, 0)) + count for name, count in (
-                ("steps_repeated", self.rejected + ts.getStepRejections()),
-                ("newton_iterations", ts.getSNESIterations()),
-                ("linear_iterations", ts.getKSPIterations()))}}
+        counts = {"steps_repeated": self.rejected + self.ts.getStepRejections(),
+                  "newton_iterations": self.ts.getSNESIterations(),
+                  "linear_iterations": self.ts.getKSPIterations()}
+        return {"steps": self.ts.getStepNumber(), **{
+            name: int(self._checkpoint.get(name, 0)) + count for name, count in counts.items()}}
 
     def values(self, repeat=True):
         """Return the numbers of a checkpoint, the argument ``checkpoint`` of `Driver`. Collective.
