@@ -35,10 +35,11 @@ COARSE = "-pgran_element_size", 8, "-pgran_progress", "quiet"
         "exceeds -pgran_step_error",
         "What may help: a larger -pgran_step_error")),
     # After a failure of MUMPS PETSc skips factorisations: the first one has to be repeated.
-    ("inclined_plane.opts", (
+    pytest.param("inclined_plane.opts", (
         "-pgran_model", "li", "-pgran_height", 10, "-pgran_slope", 24, "-pgran_grading", 3.2,
         "-pgran_element_size", 2**-7, "-pgran_width", 2**-6, "-pgran_step_min", 4e-4), (
-        "no step down to", "MUMPS found the matrix singular (INFOG(1) = -10"))],
+        "no step down to", "MUMPS found the matrix singular (INFOG(1) = -10"),
+        marks=pytest.mark.nightly)],
     ids=["Newton", "Krylov", "MUMPS", "negative pressure", "NaN", "error estimate", "singular"])
 def test_a_failed_run_reports_reason_and_location_and_keeps_accepted_steps(
         tmp_path, request, options_file, more, messages):
