@@ -467,7 +467,7 @@ def test_a_closed_pipe_does_not_end_a_run(tmp_path):
 
 @pytest.mark.parametrize("streams, warning", [
     (">/dev/full", ["pgran: warning: standard output cannot be written (No space left on device); "
-                    "nothing more is shown"]),
+                    "further output is discarded"]),
     (">&- 2>&- <&-", [])])
 def test_an_unwritable_log_does_not_end_a_run(tmp_path, streams, warning):
     path = tmp_path / "run.h5"
