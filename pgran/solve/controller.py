@@ -15,12 +15,10 @@ SAME = 1e-12
 class StepController:
     """Chooses step sizes so that errors stay near a limit and targets are met exactly.
 
-    Errors are proportional to the square of the step size.
-
     Parameters
     ----------
     limit : float
-        Desired error estimate.
+        Desired error estimate, which is proportional to the square of the step size.
     largest, growth : float
         Largest step, 1/gdot0, and largest ratio of successive steps.
     unresolved : float

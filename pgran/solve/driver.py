@@ -67,9 +67,8 @@ class Driver:
 
     Parameters
     ----------
-    form : pgran.space.weakform.WeakForm
-    state : pgran.solve.state.State
-        Initial state of the run; later the attribute ``state`` is the last accepted one.
+    form, state
+        Form and initial state of the run; the attribute ``state`` is the last accepted one.
     observer : callable
         ``observer(driver, landed, report)`` is called after each accepted step. ``landed`` is
         whether the step reached a target, and ``report`` contains the columns of the history.
@@ -81,11 +80,6 @@ class Driver:
         The `values` of a checkpoint from which the run continues.
     stop_requested : callable, optional
         ``stop_requested()`` returns on each rank the reason why the run shall stop, or None.
-
-    Attributes
-    ----------
-    at_rest : bool
-        Whether the flow has come to rest, which ends the run.
     """
 
     def __init__(self, form, state, observer, steady=False, targets=None, checkpoint=None,
@@ -117,6 +111,7 @@ class Driver:
         self._rest_speed = getattr(parameters, "rest_speed", 0.0)
         # Whether the last step was faster than this; False at the start of a run.
         self._moving = state.dt is not None and self._fast(state)
+        #: Whether the flow has come to rest, which ends the run.
         self.at_rest = bool(self._checkpoint.get("at_rest")) and self._rest_speed > 0.0 and (
             not self._moving)
         self._time = self._checkpoint.get("ts_time", 0.0 if steady else state.time)

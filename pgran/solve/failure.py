@@ -74,8 +74,7 @@ def _linear(ksp):
 
 def _largest(form, sizes, describe_entry):
     """Return the largest size on all ranks, inf for NaN, and the description of its entry."""
-    sizes = np.where(np.isnan(sizes), np.inf, sizes)
-    found = (0.0, None)
+    sizes, found = np.where(np.isnan(sizes), np.inf, sizes), (0.0, None)
     if sizes.size:
         index = int(np.argmax(sizes))
         found = float(sizes[index]), describe_entry(index)

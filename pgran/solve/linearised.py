@@ -35,20 +35,11 @@ SHOWN = 2.0
 
 
 class LinearisedStep:
-    """The derivative of one step about a flow. Collective.
+    """The derivative of one step ``dt``, 1/gdot0, about a flow. Collective.
 
-    A disturbance is one array of this rank: mesh (2 n_nodes), unknowns (n_local) and stress
-    (3 points n_elements) with ghosts.
-
-    Parameters
-    ----------
-    form : pgran.space.weakform.WeakForm
-    dt : float
-        Size of the step, 1/gdot0.
-    without : sequence of str
-        Names of omitted `PARTS`.
-    start : pgran.solve.state.State, optional
-        Start of the step; by default the reference flow.
+    ``without`` are the names of omitted `PARTS`, and ``start`` is a `State`, by default of the
+    reference flow. A disturbance is one array of this rank: mesh (2 n_nodes), unknowns (n_local)
+    and stress (3 points n_elements) with ghosts.
     """
 
     def __init__(self, form, dt, without=(), start=None):
@@ -140,21 +131,15 @@ class LinearisedStep:
 
 
 def fastest_modes(form, dt, without=(), start=None):
-    """Return the fastest growth rates of a step and their modes, fastest first. Collective.
+    """Return (log(m)/dt, residual, mode) of the fastest modes of a `LinearisedStep`. Collective.
 
-    See `LinearisedStep` for the parameters. Solver options have the prefixes ``-eps_`` and
-    ``-step_``.
-
-    Returns
-    -------
-    list of (complex, float, ndarray)
-        log(m)/dt in gdot0; the relative residual |A x - m x|/|m x| of the eigenpair; and the
-        complex mode (size,), a disturbance as in `LinearisedStep`.
+    Rates are in gdot0, residuals are |A x - m x|/|m x|, and modes are complex disturbances. Solver
+    options have the prefixes ``-eps_`` and ``-step_``.
     """
     from slepc4py import SLEPc
 
     step, comm = LinearisedStep(form, dt, without, start), form.grid.comm
-    shell = PETSc.Mat().createPython(((step.size, None), (step.size, None)), step, comm=comm)
+    shell = PETSc.Mat().createPython([(step.size, None)] * 2, step, comm=comm)
     shell.setUp()
     eps = SLEPc.EPS().create(comm=comm)
     eps.setOperators(shell)
@@ -183,8 +168,8 @@ def spectrum(parameters, comm, dt):
     if not found:
         raise SolutionError("no multiplier of the linearised step converged. What may help: a "
                             "larger @@eps_max_it or @@eps_ncv")
-    return (form, [row_of(rate, residual) for rate, residual, _ in found],
-            [mode for _, _, mode in found])
+    rates, residuals, modes = zip(*found)
+    return form, list(map(row_of, rates, residuals)), modes
 
 
 def extrapolated(steps, rates):
@@ -195,13 +180,13 @@ def extrapolated(steps, rates):
 def write_mode(path, form, rate, mode, option=("output", PREFIX)):
     """Write a mode of `fastest_modes` with growth rate ``rate``, gdot0, to a file. Collective.
 
-    The largest displacement of the mode is 1 d, and of the mesh `SHOWN`. ``option`` names the file
-    as for `pgran.output.writer.Writer`. Returns this writer and the name of a field for a picture.
+    ``option`` names the file as for `pgran.output.writer.Writer`. Returns this writer and the name
+    of a field for a picture.
     """
     grid = form.grid
     x = states.snapshot_start(form).x if form.case.parameters.restart else (
         form.case.coordinates(grid.nodes.i, grid.nodes.j))
-    mode = (mode / grid.largest(mode[:x.size])).real
+    mode = (mode / grid.largest(mode[:x.size])).real  # the largest displacement becomes 1 d
     velocity, fluidity, pressure = grid.split(mode[x.size:x.size + grid.n_local])
     displacement = mode[:x.size].reshape(x.shape)
     fields = {"coordinates": x + SHOWN * displacement, "displacement": displacement,

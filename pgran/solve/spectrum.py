@@ -21,8 +21,7 @@ HARMONICS = 6
 #: Largest residual of an accepted eigenpair.
 LARGEST_RESIDUAL = 1e-6
 #: Smallest share of an eigenvector in the unknowns with rates. A smaller share indicates an
-#: infinite eigenvalue. The infinite eigenvalues of velocity and pressure are double with one
-#: eigenvector: a rounding error of 1e-16 changes their share from zero to its root, 1e-8.
+#: infinite eigenvalue, whose share is 1e-8 by rounding errors.
 LEAST_STORED = 1e-3
 
 
@@ -95,11 +94,11 @@ def operators(parameters, comm):
 def spectrum(parameters, comm, k=None, sought=None):
     """Return the eigenvalues nearest to the targets, largest real part first. Collective.
 
+    Inertia is added to the flow, and imperfections are removed.
+
     Parameters
     ----------
-    parameters : pgran.options.Parameters
-        The flow; inertia is added and imperfections are removed.
-    comm : PETSc.Comm
+    parameters, comm
     k : ndarray, (2,), optional
         Wave vector A d k; the cell has one wavelength in each direction.
     sought : sequence of float, optional
@@ -108,30 +107,23 @@ def spectrum(parameters, comm, k=None, sought=None):
     Returns
     -------
     form : pgran.space.weakform.WeakForm
-    rows : list of dict
+    rows : tuple of dict
         ``computed`` and ``imaginary`` (parts of the eigenvalue), ``analytic`` and
         ``relative_error``, ``residual``, ``harmonic`` (m1, m2) and its ``share`` of the mode's
         power, and ``target``; rates in gdot0, None without theory.
-    modes : list of ndarray, (n_local,)
+    modes : tuple of ndarray, (n_local,)
         Complex modes in the same order.
-
-    Raises
-    ------
-    SolutionError
-        If no eigenpair has a residual below `LARGEST_RESIDUAL`.
-    ValueError
-        If the theory has no finite rate for the wave vector.
     """
     part = parameters.part("case")
     parameters = part.homogeneous(parameters.replace(inertia=True))
     if k is not None:
         parameters = part.with_wave(parameters, np.asarray(k) / parameters.A)
     form, J, M = operators(parameters, comm)
-    rows, modes, dropped = [], [], []
+    rows, modes, dropped = [], [], 0
     for target in targets(parameters, k) if sought is None else sought:
         for value, mode, error in eigenpairs(form, J, M, target):
             if not error < LARGEST_RESIDUAL:
-                dropped.append(value)
+                dropped += 1
                 continue
             row = row_of(value, error)
             if any(abs(value - complex(r["computed"], r["imaginary"])) < 1e-6 * abs(value)
@@ -149,11 +141,11 @@ def spectrum(parameters, comm, k=None, sought=None):
     J.destroy()
     M.destroy()
     if not rows:
-        raise SolutionError(f"no eigenvalue converged; the residuals of {len(dropped)} others are "
+        raise SolutionError(f"no eigenvalue converged; the residuals of {dropped} others are "
                             f"not below {LARGEST_RESIDUAL:g}. What may help: another @@target, a "
                             "larger @@eps_max_it, or fewer @@eps_nev")
-    order = sorted(range(len(rows)), key=lambda n: -rows[n]["computed"])
-    return form, [rows[n] for n in order], [modes[n] for n in order]
+    rows, modes = zip(*sorted(zip(rows, modes), key=lambda found: -found[0]["computed"]))
+    return form, rows, modes
 
 
 def row_of(value, error):

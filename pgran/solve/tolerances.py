@@ -14,14 +14,8 @@ ORDER = 1.5
 class Tolerances:
     """Sets the tolerances of SNES and of its KSP; the values of the options are upper bounds.
 
-    Parameters
-    ----------
-    snes : PETSc.SNES
-    full_deviation : float
-        Relative deviation from the reference flow from which ``-snes_atol`` applies. Zero leaves
-        both tolerances unchanged.
-    min_factor : float
-        Smallest ratio of the tolerance to ``-snes_atol``.
+    ``full_deviation`` is the relative deviation from the reference flow from which ``-snes_atol``
+    applies, zero for constant tolerances; ``min_factor`` is their smallest ratio to this option.
     """
 
     def __init__(self, snes, full_deviation, min_factor):
