@@ -63,7 +63,7 @@ def complete(texts):
 
 def run(parameters, args, comm):
     """Compute and print the spectrum. Collective."""
-    from .solve import linearised, spectrum
+    from .solve import linearised, spectrum, state
 
     say = print if comm.rank == 0 else (lambda text: None)
     case = parameters.part("case")
@@ -102,7 +102,8 @@ def run(parameters, args, comm):
         say(f"  mode: {writer.path}, {writer.path.with_suffix('.xdmf')}, {picture}")
     if parameters.restart and not moving:
         say("  residual of the snapshot as a steady flow with inertia: "
-            f"{spectrum.unsteadiness(form):.1e} {form.case.stress_unit} d")
+            f"{state.steady_residual(form, state.snapshot_start(form)):.1e} "
+            f"{form.case.stress_unit} d")
     table(rows, say)
     if args.refinement and not waves:
         say(f"  no refinement: no theory is available for {parameters.case}")

@@ -4,6 +4,7 @@ import fcntl
 import functools
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -28,6 +29,11 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, (str(ROOT / "jobs"), os.environ.get("PYTHONPATH"))))
 petsc4py.init(["pgran-tests"])
 from pgran.runs import run_on_ranks  # noqa: E402
+
+# A signal, as from timeout, ends the tests. Forwarded to the present run, it would give a failure
+# with exit code 75.
+run_on_ranks.SIGNALS = ()
+signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 #: Seconds that a command may take on an idle machine.
 LIMIT = 240.0

@@ -70,11 +70,6 @@ def test_a_step_reduced_for_a_target_is_followed_by_the_desired_step():
     assert control.next(0.012, 0.006, 0.1) == pytest.approx(0.01)
 
 
-def test_rounding_does_not_hide_a_target():
-    control = controller(targets=(0.3,))
-    assert control.land(0.1 + 0.2 - 1e-16) == 0.3 and control.finished
-
-
 def test_a_reduced_step_that_failed_is_not_repeated():
     control = StepController(0.1, 1.0, 1.5, 1e-9, [1.0])
     assert control.start(0.0, 0.8) == pytest.approx(0.5)

@@ -8,9 +8,6 @@ import pytest
 from conftest import ROOT, discretised, parameters, refused, run_ranks
 
 from pgran.solve import spectrum
-from pgran.solve.spectrum import theory
-
-FASTEST = "0.06481,0.05300"
 
 
 def eigen(ranks, *arguments, **more):
@@ -33,31 +30,26 @@ def pairs_here(k=None, targets=None, **options):
     return spectrum.spectrum(given, PETSc.COMM_WORLD, k, targets)[1]
 
 
-@pytest.mark.parametrize("ranks, elements, limit", [(0, 16, 3e-3), (2, 32, 3e-4)])
-def test_fastest_mode_has_its_analytic_growth(ranks, elements, limit):
-    found = pairs(ranks, "-pgran_cell_elements", elements, "-wave_vector", FASTEST)
+def test_fastest_mode_has_its_analytic_growth():
+    found = pairs(2, "-pgran_cell_elements", 32, "-wave_vector", "0.06481,0.05300")
     assert set(found[0]) == {"computed", "analytic", "relative_error", "residual"}
     assert found[0]["analytic"] == pytest.approx(355.4, abs=0.1)
     # Both signs of k2, and two phases, share the growth rate.
-    assert all(pair["relative_error"] < limit for pair in found[:4])
+    assert all(pair["relative_error"] < 3e-4 for pair in found[:4])
     assert [p["computed"] for p in found] == sorted((p["computed"] for p in found), reverse=True)
     assert all(pair["residual"] < 1e-6 and np.isfinite(pair["computed"]) for pair in found)
 
 
-@pytest.mark.parametrize("model", ["ngf", "ngf_primitive"])
-def test_infinite_eigenvalues_are_discarded(model):
-    cell = "-pgran_model", model, "-pgran_cell_elements", 4
-    few, many = pairs(0, *cell), pairs(0, *cell, "-eps_nev", 300)
+def test_infinite_eigenvalues_are_discarded():
+    few, many = (pairs(0, "-pgran_cell_elements", 4, "-eps_nev", count) for count in (8, 300))
     assert len(many) > 50
     assert many[0]["computed"] == pytest.approx(few[0]["computed"], rel=1e-6)
     assert max(abs(pair["computed"]) for pair in many) < 1e8
 
 
-@pytest.mark.parametrize("elements, order", [
-    (16, 3.85), pytest.param(32, 3.95, marks=pytest.mark.nightly)])
-def test_error_falls_with_order_4(elements, order):
-    errors = [pairs_here(cell_elements=n)[0]["relative_error"] for n in (elements, 2 * elements)]
-    assert np.log2(errors[0] / errors[1]) > order
+def test_error_falls_with_order_4():
+    errors = [pairs_here(cell_elements=n)[0]["relative_error"] for n in (16, 32)]
+    assert np.log2(errors[0] / errors[1]) > 3.85
 
 
 def test_growth_of_li_is_proportional_to_the_square_of_the_wave_number():
@@ -70,25 +62,25 @@ def test_growth_of_li_is_proportional_to_the_square_of_the_wave_number():
     np.testing.assert_allclose(np.array(rates[1:]) / rates[:-1], 4.0, rtol=1e-3)
 
 
-@pytest.mark.parametrize("relaxation_time, law", [(1e-3, "jop"), (0.1, "bingham"), (10.0, "jop")])
+@pytest.mark.parametrize("relaxation_time, law", [(0.1, "bingham"), (10.0, "jop")])
 def test_dynamic_ngf_grows_at_its_analytical_rate(relaxation_time, law):
     given = {"model": "ngf_primitive", "law": law, "relaxation_time": relaxation_time}
     found = pairs_here(cell_elements=32, **given)
-    rates = theory(parameters(case="periodic", **given), np.array([[0.04, 0.03], [0.1, 0]]))
+    k = np.array([[0.04, 0.03], [0.1, 0]])
+    rates = spectrum.theory(parameters(case="periodic", **given), k)
     assert found[0]["analytic"] > rates.max()  # unless given, the wave vector is the fastest one
     assert all(pair["relative_error"] < 1e-4 for pair in found[:4])
 
 
 @pytest.mark.parametrize("model, law, inertial_number", [
-    (model, law, I0) for model in ("ngf", "ngf_primitive", "li")
-    for law in ("bingham", "jop", "barker_gray")
-    for I0 in (1e-4, 0.03, 0.3 if law == "bingham" else 1.0)  # mu_loc must not exceed 1
-    if law != "barker_gray" or model == "li"])
-def test_both_laws_and_models_over_inertial_numbers(law, inertial_number, model):
+    ("ngf", "bingham", 1e-4), ("ngf", "jop", 1.0), ("ngf_primitive", "bingham", 0.3),
+    ("ngf_primitive", "jop", 1e-4), ("li", "bingham", 0.03), ("li", "jop", 1e-4),
+    ("li", "barker_gray", 1.0)])
+def test_laws_and_models_over_inertial_numbers(law, inertial_number, model):
     # Away from neutral wave vectors, where a relative error says little.
     k = np.array([0.10, 0.03])
     given = {"law": law, "model": model, "inertial_number": inertial_number}
-    rate = float(theory(parameters(case="periodic", **given), k))
+    rate = float(spectrum.theory(parameters(case="periodic", **given), k))
     found = pairs_here(k, [rate * 0.999], **given)
     pair = min(found, key=lambda p: abs(p["analytic"] - rate))
     assert pair["analytic"] == pytest.approx(rate, rel=1e-9)
@@ -107,8 +99,8 @@ def test_mode_is_written_and_drawn(tmp_path):
         assert group["speed"].attrs["unit"] == "d gdot0"
     # A transverse wave: one wavelength each way, normal to k.
     k = np.array([0.0648, 0.0530])
-    spectrum = np.abs(np.fft.fft2(velocity[..., 0]))
-    a, b = np.unravel_index(np.argmax(spectrum), spectrum.shape)
+    power = np.abs(np.fft.fft2(velocity[..., 0]))
+    a, b = np.unravel_index(np.argmax(power), power.shape)
     assert (min(a, 32 - a), min(b, 32 - b)) == (1, 1)
     ratio = np.abs(velocity[..., 0]).max() / np.abs(velocity[..., 1]).max()
     assert ratio == pytest.approx(k[1] / k[0], rel=0.05)
@@ -118,7 +110,7 @@ def test_mode_is_written_and_drawn(tmp_path):
 def test_mode_file_does_not_depend_on_the_ranks(tmp_path):
     # A simple eigenvalue: a multiple one has no mode of its own.
     fields = []
-    for ranks in (0, 3):
+    for ranks in (0, 2):
         path = tmp_path / f"{ranks}.h5"
         eigen(ranks, "-pgran_case", "biaxial", "-pgran_element_size", 8, "-target", "0",
               "-pgran_output", path, "-eps_nev", 2)
@@ -146,7 +138,7 @@ def test_an_interrupted_sweep_keeps_its_rows(tmp_path):
     """The second wave vector fails after the row of the first is written."""
     code = """
 import sys, slepc4py
-slepc4py.init(sys.argv)
+slepc4py.init()
 from pgran.solve import spectrum
 original, calls = spectrum.spectrum, []
 def cut(*arguments):
@@ -165,22 +157,16 @@ sys.exit(main(sys.argv))
 
 
 @pytest.mark.parametrize("arguments, message", [
-    (("-wave_vector", "0,0"), "-wave_vector 0,0"),
-    (("-sweep", "1"), "-sweep 1: must be an integer >= 2"),
-    (("-refinement", "8,1"), "-refinement 8,1: must be a list of integers >= 2"),
     (("-wave_vector", "0.1,0"), "-wave_vector 0.1,0: must be two numbers other than zero"),
-    (("-pgran_inertial_number", "0"), "-pgran_inertial_number 0: must be"),
+    (("-refinement", "8,1"), "-refinement 8,1: must be a list of integers >= 2"),
     (("-pgran_inertial_number", "0.03"), "-wave_vector: a wave vector has to be given"),
     (("-refinment", "8"), "unknown option -refinment; did you mean -refinement?"),
     (("-pgran_case", "biaxial", "-wave_vector", "0.1,0.1"),
      "allowed only with a case that has plane waves"),
-    (("-sweep_end", "x", "-sweep", "2"), "-sweep_end x: must be a number > 0"),
-    (("-target", "up"), "-target up: must be a list of numbers"),
     (("-pgran_model", "ig", "-wave_vector", "0.1,0.1"), "-pgran_model ig"),
-])
+    (("-pgran_output", "/proc/typo/x.h5", "-sweep", "2"), "there is no folder")])
 def test_bad_input_gets_one_clear_error(arguments, message):
-    ranks = 2 if arguments[0] == "-sweep" else 0
-    refused(eigen(ranks, *arguments, "-json", check=False, limit=60), message)
+    refused(eigen(0, *arguments, "-json", check=False, limit=60), message)
 
 
 def test_the_spectrum_about_a_snapshot_of_a_flowing_specimen_is_found_by_default(tmp_path):
@@ -205,9 +191,3 @@ def test_a_mode_has_a_default_file_that_is_not_the_result_of_a_run(tmp_path):
     texts = complete({"pgran_restart": str(tmp_path / "run.h5")})
     assert texts["pgran_output"] == str(tmp_path / "run_mode.h5")
     assert texts["pgran_width"] == "8.0"
-
-
-def test_a_table_of_wave_vectors_makes_no_mistyped_folder(tmp_path):
-    done = eigen(2, "-pgran_output", tmp_path / "typo" / "x.h5", "-sweep", 2, check=False)
-    refused(done, "there is no folder")
-    assert not (tmp_path / "typo").exists()

@@ -1,17 +1,12 @@
 """Failures are reported with reason and location and stop all ranks."""
 
-import re
-
 import h5py
-import numpy as np
 import pytest
-from conftest import ROOT, at_rest, discretised, pgran, refused, run_ranks
+from conftest import ROOT, pgran, refused, run_ranks
 
 from pgran.output import checkpoint
-from pgran.solve import failure
 
 COARSE = "-pgran_element_size", 8, "-pgran_progress", "quiet"
-PAGE = (ROOT / "docs" / "howto" / "troubleshooting.md").read_text()
 
 
 @pytest.mark.parametrize("options_file, more, messages", [
@@ -38,8 +33,14 @@ PAGE = (ROOT / "docs" / "howto" / "troubleshooting.md").read_text()
                      "-pgran_compression", 0.01), (
         "no step down to -pgran_step_min 0.0001 converges", "error estimate",
         "exceeds -pgran_step_error",
-        "What may help: a larger -pgran_step_error"))],
-    ids=["Newton", "Krylov", "MUMPS", "negative pressure", "NaN", "error estimate"])
+        "What may help: a larger -pgran_step_error")),
+    # After a failure of MUMPS PETSc skips factorisations: the first one has to be repeated.
+    pytest.param("inclined_plane.opts", (
+        "-pgran_model", "li", "-pgran_height", 10, "-pgran_slope", 24, "-pgran_grading", 3.2,
+        "-pgran_element_size", 2**-7, "-pgran_width", 2**-6, "-pgran_step_min", 4e-4), (
+        "no step down to", "MUMPS found the matrix singular (INFOG(1) = -10"),
+        marks=pytest.mark.nightly)],
+    ids=["Newton", "Krylov", "MUMPS", "negative pressure", "NaN", "error estimate", "singular"])
 def test_a_failed_run_reports_reason_and_location_and_keeps_accepted_steps(
         tmp_path, request, options_file, more, messages):
     path = tmp_path / "run.h5"
@@ -54,20 +55,10 @@ def test_a_failed_run_reports_reason_and_location_and_keeps_accepted_steps(
         assert not file.attrs.get("complete", False)
 
 
-def test_a_failed_factorisation_is_repeated(tmp_path):
-    """PETSc skips factorisations after a failure of MUMPS, which then cannot solve."""
-    size = 0.0078125  # elements at the free surface are smaller than 1e-8 d
-    done = pgran(0, "inclined_plane.opts", tmp_path / "run.h5", "-pgran_model", "li",
-                 "-pgran_height", 10, "-pgran_slope", 24, "-pgran_grading", 3.2,
-                 "-pgran_element_size", size, "-pgran_width", 2 * size, "-pgran_step_min", 4e-4,
-                 check=False, limit=60)
-    refused(done, "no step down to", "MUMPS found the matrix singular (INFOG(1) = -10")
-
-
 def test_a_failed_step_is_never_repeated_with_the_same_size(tmp_path):
     code = """
 import sys, petsc4py
-petsc4py.init(sys.argv)
+petsc4py.init()
 from pgran.__main__ import main
 from pgran.solve import driver
 driver.check_options = lambda *_: None
@@ -79,13 +70,6 @@ sys.exit(main(sys.argv))
                          "-ts_adapt_scale_solve_failed", 1, "-snes_max_it", 1, "-pgran_output",
                          tmp_path / "run.h5", check=False, limit=60)
         refused(done, message)
-
-
-def test_pseudo_time_finds_the_steady_flow_with_any_solver(tmp_path):
-    path = tmp_path / "run.h5"
-    pgran(0, "direct.opts", path, *COARSE, "-ts_type", "pseudo", limit=60)
-    with h5py.File(path) as file:
-        assert file.attrs["complete"] and file.attrs["steady_residual"] < 1e-8
 
 
 def test_a_run_stops_when_a_free_face_reaches_a_plate(tmp_path):
@@ -142,15 +126,13 @@ sys.exit(main(sys.argv))
 
 
 @pytest.mark.parametrize("method, rank, fault, message", [
-    ("jacobian", 1, "raise ZeroDivisionError('one rank only')", "one rank only"),
-    ("residual", 0, "raise MemoryError('of rank 0')", "not enough memory"),
-    ("residual", 2, "from pgran.options import SolutionError; raise SolutionError('of rank 2')",
-     "of rank 2"),
-    ("jacobian", 2, "os.kill(os.getpid(), signal.SIGSEGV)", "Segmentation"),
+    ("jacobian", 0, "raise MemoryError('of rank 0')", "not enough memory"),
+    ("residual", 1, "from pgran.options import SolutionError; raise SolutionError('of rank 1')",
+     "of rank 1"),
     ("residual", 1, "os.kill(os.getpid(), signal.SIGKILL)", "signal 9 (Killed)")],
-    ids=["exception", "memory", "a reported error", "segmentation fault", "kill"])
+    ids=["memory", "a reported error", "kill"])
 def test_when_one_rank_fails_all_stop(tmp_path, method, rank, fault, message):
-    done = run_ranks(3, "-c", FAIL.format(method=method, rank=rank, fault=fault), "-options_file",
+    done = run_ranks(2, "-c", FAIL.format(method=method, rank=rank, fault=fault), "-options_file",
                      ROOT / "options" / "direct.opts", *COARSE, "-pgran_output",
                      tmp_path / "run.h5", check=False, limit=60)
     assert done.returncode != 0
@@ -162,42 +144,28 @@ def test_an_error_of_all_ranks_is_reported_once(tmp_path):
         "from pgran.cases.biaxial import Biaxial\nclass Mine(Biaxial):\n"
         "    options = Biaxial.options\n"
         "    def tractions(self, time):\n        return {'left': 1 / 0}\n")
-    done = run_ranks(3, "-m", "pgran", "-pgran_case", f"{tmp_path / 'mine.py'}:Mine", *COARSE,
+    done = run_ranks(2, "-m", "pgran", "-pgran_case", f"{tmp_path / 'mine.py'}:Mine", *COARSE,
                      "-pgran_output", tmp_path / "run.h5", check=False, limit=60)
     assert done.returncode == 1
     assert done.stderr.count("ZeroDivisionError: division by zero") == 1, done.stderr
     assert "mine.py" in done.stderr
 
 
-@pytest.mark.parametrize("words", [
+MESSAGES = (
     "no step down to", "did not converge in", "residual is NaN", "pressure is negative",
     "mu reaches", "MUMPS may not use the memory", "exceeds -pgran_step_error",
-    "a free face reaches a plate",
-    "an element is inverted", "another run writes it", "No space left on device",
-    "it was removed while the run wrote it", "it has no checkpoint to resume from",
-    "skipped a damaged checkpoint", "a restarted run cannot change", "unknown option",
-    "unused PETSc option", "no -pc_type is given", "failed and others did not", "not enough memory",
-    "GB per rank", "the first step, a tenth of the time of elastic loading", "stopped by SIGTERM",
+    "a free face reaches a plate", "an element is inverted", "another run writes it",
+    "No space left on device", "it was removed while the run wrote it",
+    "it has no checkpoint to resume from", "skipped a damaged checkpoint",
+    "a restarted run cannot change", "unknown option", "unused PETSc option",
+    "no -pc_type is given", "failed and others did not", "not enough memory", "GB per rank",
+    "the first step, a tenth of the time of elastic loading", "stopped by SIGTERM",
     "not a pgran result file", "no eigenvalue converged", "ranks are too many",
     "two times to reach lie closer", "is NaN or infinite at", "nothing to resume from",
     "standard output cannot be written", "repeat it without making it smaller",
-    "no steady flow within", "cannot be imported"])
-def test_the_troubleshooting_page_contains_each_message(words):
-    assert words in PAGE
+    "no steady flow within", "cannot be imported")
 
 
-def test_a_stress_ratio_beyond_the_law_is_reported_within_a_periodic_domain():
-    """The largest one is in the last column of elements, which has a periodic image."""
-    form = discretised(case="planar_shear", law="jop", width=4, height=4, element_size=1,
-                       shear_modulus=1e6)
-    grid = form.grid
-    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    increment = at_rest(form, x, 1.0)
-    column = np.mod(x[0], 4.0)
-    velocity = np.array([0.0 * x[0], 1e3 * (column == 3.5) * x[1]])
-    local = grid.join(velocity, np.full(grid.nodes.size, 1e-9),
-                      np.ones(grid.corners.size))
-    text = failure._undefined(form, increment, local)
-    place = float(re.search(r"at x = \(([^,]*), ", text).group(1))
-    assert 3.0 <= place <= 4.0, text
-    assert text.startswith("mu reaches") and "the law bears less than 0.6435" in text
+def test_the_troubleshooting_page_contains_each_message():
+    page = (ROOT / "docs" / "howto" / "troubleshooting.md").read_text()
+    assert not [words for words in MESSAGES if words not in page]

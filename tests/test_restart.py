@@ -86,7 +86,7 @@ def test_a_restart_on_the_same_ranks_gives_the_same_result(short, tmp_path):
 def test_a_run_continues_on_any_number_of_ranks(short, tmp_path):
     path = tmp_path / "run.h5"
     pgran(2, "direct.opts", path, *SHORT, "-ts_max_steps", 8)
-    for ranks, steps in ((4, 13), (0, 16), (3, 10**6)):
+    for ranks, steps in ((3, 13), (0, 10**6)):
         pgran(ranks, "direct.opts", path, *SHORT, "-pgran_restart", path, "-ts_max_steps", steps)
     same(short, path, 1e-7)
 
@@ -96,10 +96,9 @@ def test_a_run_continues_on_any_number_of_ranks(short, tmp_path):
     ("li.opts", 8, (*SMALL, "-pgran_compression", 0.004)),
     ("direct.opts", 14, (*SMALL, "-pgran_inertia", "true", "-pgran_law", "jop",
                          "-pgran_compression", 0.002)),
-    ("direct.opts", 12, (*SMALL, "-pgran_plates_slip", "false", "-pgran_compression", 0.003)),
     ("periodic.opts", 14, ("-pgran_cell_elements", 4, "-pgran_end_time", 0.003)),
     ("planar_shear.opts", 8, ("-ts_type", "beuler", "-pgran_end_time", 0.002))],
-    ids=["fieldsplit", "li", "inertia and jop", "plates hold", "periodic", "fixed mesh"])
+    ids=["fieldsplit", "li", "inertia and jop", "periodic", "fixed mesh"])
 def test_every_kind_of_run_can_be_continued(tmp_path, options_file, steps, more):
     paths = [tmp_path / f"{name}.h5" for name in ("complete", "run")]
     pgran(0, options_file, paths[0], *more)
@@ -110,52 +109,36 @@ def test_every_kind_of_run_can_be_continued(tmp_path, options_file, steps, more)
     same(*paths, 5e-3 if options_file == "biaxial.opts" else 1e-7)
 
 
-#: A column of a layer on a slope; the end time follows.
+#: A column of a layer on a slope.
 SLOPE = ("-ts_type", "beuler", "-pgran_width", 1, "-pgran_element_size", 1, "-pgran_progress",
-         "quiet", "-pgran_end_time")
+         "quiet")
+#: It slows down to rest; the rest speed follows.
+SLOWER = (*SLOPE, "-pgran_end_time", 50, "-pgran_height", 2, "-pgran_inertia", "true",
+          "-pgran_model", "li", "-pgran_slope", 15, "-pgran_start", "flow", "-pgran_step_max", 0.1,
+          "-pgran_rest_speed")
 
 
-@pytest.mark.parametrize("options_file, stops, more", [
+@pytest.mark.parametrize("stop, more", [
     # Stopped after one attempt of the first step, which failed.
-    ("inclined_plane.opts", (1, 8), (
-        *SLOPE, 0.01, "-pgran_height", 6, "-pgran_model", "ngf_primitive", "-pgran_snapshots",
-        "0.0011,0.0012,0.004")),
-    # It accelerates beyond the rest speed.
-    ("inclined_plane.opts", (12,), (
-        *SLOPE, 0.6, "-pgran_height", 6, "-pgran_inertia", "true", "-pgran_model", "li",
-        "-pgran_rest_speed", 0.1, "-pgran_step_max", 0.05)),
-    # It slows down to rest.
-    ("inclined_plane.opts", (20,), (
-        *SLOPE, 50, "-pgran_height", 2, "-pgran_inertia", "true", "-pgran_model", "li",
-        "-pgran_slope", 15, "-pgran_start", "flow", "-pgran_rest_speed", 0.05, "-pgran_step_max",
-        0.1))],
-    ids=["close targets", "speeding up", "coming to rest"])
-def test_a_restarted_run_makes_the_same_steps(tmp_path, options_file, stops, more):
-    complete = tmp_path / "complete.h5"
-    pgran(0, options_file, complete, *more)
-    with h5py.File(complete) as file:
-        expected = dict(file.attrs)
-    for stop in stops:
-        path = tmp_path / f"{stop}.h5"
-        pgran(0, options_file, path, *more, "-ts_max_steps", stop)
-        assert len(history(path)["time"]) <= stop < len(history(complete)["time"])
-        for entry in checkpoint.checkpoints_of(path):
-            with h5py.File(entry, "r+") as file:  # as written by earlier versions
-                file.attrs.pop("at_rest", None)
-        pgran(0, options_file, path, *more, "-pgran_restart", path)
-        same(complete, path, 1e-10)
-        for name in ("newton_iterations", "linear_iterations"):
-            np.testing.assert_array_equal(history(path)[name], history(complete)[name])
-        with h5py.File(path) as file:
-            for name in ("steps", "steps_repeated"):
-                assert file.attrs[name] == expected[name]
+    (1, (*SLOPE, "-pgran_end_time", 0.01, "-pgran_height", 6, "-pgran_model", "ngf_primitive",
+         "-pgran_snapshots", "0.0011,0.0012,0.004")),
+    (20, (*SLOWER, 0.05))], ids=["close targets", "coming to rest"])
+def test_a_restarted_run_makes_the_same_steps(tmp_path, stop, more):
+    complete, path = tmp_path / "complete.h5", tmp_path / "run.h5"
+    pgran(0, "inclined_plane.opts", complete, *more)
+    pgran(0, "inclined_plane.opts", path, *more, "-ts_max_steps", stop)
+    assert len(history(path)["time"]) <= stop < len(history(complete)["time"])
+    pgran(0, "inclined_plane.opts", path, *more, "-pgran_restart", path)
+    same(complete, path, 1e-10)
+    for name in ("newton_iterations", "linear_iterations"):
+        np.testing.assert_array_equal(history(path)[name], history(complete)[name])
+    with h5py.File(path) as file, h5py.File(complete) as expected:
+        for name in ("steps", "steps_repeated"):
+            assert file.attrs[name] == expected.attrs[name]
 
 
 def test_a_run_at_rest_is_not_continued_without_a_smaller_rest_speed(tmp_path):
-    path = tmp_path / "run.h5"
-    more = (*SLOPE, 50, "-pgran_height", 2, "-pgran_inertia", "true", "-pgran_model", "li",
-            "-pgran_slope", 15, "-pgran_start", "flow", "-pgran_step_max", 0.1,
-            "-pgran_rest_speed")
+    path, more = tmp_path / "run.h5", SLOWER
     pgran(0, "inclined_plane.opts", path, *more, 0.05)
     times = history(path)["time"]
     assert times[-1] < 5.0
@@ -178,23 +161,6 @@ def test_a_restart_after_an_error_begins_with_the_desired_step(tmp_path):
     pgran(0, "direct.opts", path, *more, "-pgran_step_error", 100, "-pgran_restart", path,
           "-ts_max_steps", steps + 1)
     assert history(path)["step_size"][steps] == wanted
-
-
-def test_a_seeded_run_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_on_ranks, "RANKS", 0)
-    from studies import growth
-
-    _, given = growth.eigenmode(tmp_path / "mode.h5", 4)
-    paths = [tmp_path / f"{name}.h5" for name in ("complete", "run")]
-    cell = [text for name in ("width", "height", "cell_elements")
-            for text in (f"-pgran_{name}", given[f"pgran_{name}"])]
-    more = (*cell, "-pgran_inertia", "true", "-pgran_imperfection", 1, "-pgran_mode_file",
-            tmp_path / "mode.h5", "-pgran_end_time", 0.002, "-ts_max_steps")
-    pgran(0, "periodic.opts", paths[0], *more, 1000)
-    pgran(0, "periodic.opts", paths[1], *more, 3)
-    assert not h5py.File(paths[1]).attrs["complete"]
-    pgran(0, "periodic.opts", paths[1], *more, 1000, "-pgran_restart", paths[1])
-    same(*paths, 1e-10)
 
 
 def test_a_complete_run_can_be_extended(short, tmp_path):
@@ -247,13 +213,9 @@ def put(name, values):
 DAMAGE = {
     "coordinates is not an array of 31 x 11 x 2 numbers":
         lambda file: file.pop("nodes/coordinates"),
-    "pressure is not an array of 16 x 6 numbers": put("corners", 1.0),
     "stress is not an array of 15 x 5 x 3 x 9 numbers":
         put("elements/stress", np.zeros((15, 5, 2, 9))),
-    "fluidity is not an array of 31 x 11 numbers": put("nodes/fluidity", np.full((31, 11), b"1")),
-    "earlier_stress is not an array": lambda file: file.pop("elements/earlier_stress"),
     "velocity contains NaN": put("nodes/velocity", np.full((31, 11, 2), np.nan)),
-    "time is not a finite number": lambda file: file.attrs.modify("time", np.nan),
     "wanted is not a finite number": lambda file: file.attrs.create("wanted", "soon"),
     "it contains invalid numbers": lambda file: file.attrs.create("period", 0.0),
     "steps is missing": lambda file: file.attrs.pop("steps")}
@@ -278,7 +240,7 @@ def test_a_restarted_run_that_is_killed_in_its_first_step_can_be_restarted(short
     pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 8)
     code = """
 import os, sys, petsc4py
-petsc4py.init(sys.argv)
+petsc4py.init()
 from pgran.__main__ import Run, main
 Run.checkpoint = lambda self: os._exit(9)
 sys.exit(main(sys.argv))
@@ -308,8 +270,7 @@ def wait_for(path, steps, limit=60.0):
     raise AssertionError(f"{path} does not hold {steps} steps after {allowed(limit):.0f} s")
 
 
-@pytest.mark.parametrize("name, ranks", [("SIGTERM", 0), ("SIGINT", 0), ("SIGUSR1", 2),
-                                         ("SIGUSR2", 0)])
+@pytest.mark.parametrize("name, ranks", [("SIGTERM", 0), ("SIGUSR1", 2)])
 def test_a_signal_stops_a_run_with_a_checkpoint_and_exit_code_75(long, tmp_path, name, ranks):
     path = tmp_path / "run.h5"
     run = start(ranks, path)
@@ -336,19 +297,17 @@ runpy.run_module("pgran", run_name="__main__", alter_sys=True)
 """
 
 
-@pytest.mark.parametrize("module", ["numpy", "pgran.solve.driver"])
-@pytest.mark.parametrize("kind, words", [
-    ("beuler", "resume with: <same command> -pgran_restart {path}"),
-    ("pseudo", "there is nothing to resume from: start it again")])
+@pytest.mark.parametrize("module, kind, words", [
+    ("numpy", "beuler", "resume with: <same command> -pgran_restart {path}"),
+    ("pgran.solve.driver", "pseudo", "there is nothing to resume from: start it again")])
 def test_a_signal_before_the_first_step_stops_the_run(short, tmp_path, module, kind, words):
     path = tmp_path / "run.h5"
-    done = run_ranks(0, "-c", EARLY.format(module=module), "-options_file",
-                     DIRECT, *SHORT, "-ts_type", kind, "-pgran_output",
-                     path, check=False)
+    done = run_ranks(0, "-c", EARLY.format(module=module), "-options_file", DIRECT, *SHORT,
+                     "-ts_type", kind, "-pgran_output", path, check=False)
     assert done.returncode == STOPPED, done.stderr
     assert done.stderr.splitlines() == [
         f"pgran: stopped by SIGTERM at 0 % compression; {words.format(path=path)}"]
-    if kind == "beuler" and module == "numpy":
+    if kind == "beuler":
         pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path)
         same(short, path, 1e-10)
 
@@ -356,8 +315,8 @@ def test_a_signal_before_the_first_step_stops_the_run(short, tmp_path, module, k
 def test_the_launcher_forwards_a_signal_and_restarts_the_run(long, tmp_path, monkeypatch):
     monkeypatch.setattr(run_on_ranks, "RANKS", 0)
     path = tmp_path / "run.h5"
-    line, environment = run_on_ranks.command(0, "-m", "pgran.runs.run_on_ranks", path,
-                                       DIRECT, *map(str, LONG))
+    line, environment = run_on_ranks.command(0, "-m", "pgran.runs.run_on_ranks", path, DIRECT,
+                                             *LONG)
     with subprocess.Popen(line, env=environment, cwd=ROOT, stderr=subprocess.PIPE,
                           text=True) as run:
         wait_for(path, 3)
@@ -450,12 +409,9 @@ def fail(*arguments):
 from pgran.__main__ import main
 sys.exit(main(sys.argv))
 """
-_PETSC = """
+REMOVE = """
 import petsc4py
-petsc4py.init(sys.argv)
-from petsc4py import PETSc
-"""
-REMOVE = _PETSC + """
+petsc4py.init()
 from pgran.output.writer import Writer
 record = Writer.record
 def remove(self, **values):
@@ -464,28 +420,26 @@ def remove(self, **values):
     record(self, **values)
 Writer.record = remove
 """
-LIMIT = _PETSC + """
+LIMIT = """
 import resource
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_100_000, 1_100_000))
 """
-_ERROR = "raise OSError(errno.{0}, os.strerror(errno.{0}))"
 
 
 @pytest.mark.parametrize("fault, setup, message", [
-    (_ERROR.format("ENOSPC"), "os.posix_fallocate = fail", "No space left on device"),
-    (_ERROR.format("EDQUOT"), "os.posix_fallocate = fail", "Disk quota exceeded"),
-    (_ERROR.format("EROFS"), "os.posix_fallocate = fail", "Read-only file system"),
+    ("raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))", "os.posix_fallocate = fail",
+     "No space left on device"),
     ("shutil.rmtree(path.parent)", "os.posix_fallocate = fail", ""),
-    ("", REMOVE, "it was removed while the run wrote it"),
-    ("", LIMIT, "File too large")],
-    ids=["full disk", "quota", "read-only", "folder removed", "result removed", "size limit"])
+    ("pass", REMOVE, "it was removed while the run wrote it"),
+    ("pass", LIMIT, "File too large")],
+    ids=["full disk", "folder removed", "result removed", "size limit"])
 def test_a_failing_disk_gives_one_error_and_keeps_the_last_checkpoint(tmp_path, fault, setup,
                                                                       message):
     path = tmp_path / "inner" / "run.h5"
     path.parent.mkdir()
-    done = run_ranks(2, "-c", FAULT.format(fault=fault or "pass", setup=setup), "-options_file",
-                     DIRECT, *SMALL, "-pgran_checkpoint_steps", 2, "-pgran_output", path,
-                     check=False, limit=60)
+    done = run_ranks(2, "-c", FAULT.format(fault=fault, setup=setup), "-options_file", DIRECT,
+                     *SMALL, "-pgran_checkpoint_steps", 2, "-pgran_output", path, check=False,
+                     limit=60)
     refused(done, f"-pgran_output {path}: {message}")
     if message == "File too large":
         assert len(history(path)["time"]) >= 1 and not list(path.parent.glob(".*"))
@@ -499,10 +453,9 @@ def test_a_failing_disk_gives_one_error_and_keeps_the_last_checkpoint(tmp_path, 
 
 def test_a_closed_pipe_does_not_end_a_run(tmp_path):
     path = tmp_path / "run.h5"
-    line, environment = run_on_ranks.command(0, "-m", "pgran", "-options_file",
-                                       DIRECT, *map(str, SMALL),
-                                       "-pgran_progress", "steps", "-pgran_compression", "0.002",
-                                       "-pgran_output", path)
+    line, environment = run_on_ranks.command(
+        0, "-m", "pgran", "-options_file", DIRECT, *SMALL, "-pgran_progress", "steps",
+        "-pgran_compression", 0.002, "-pgran_output", path)
     with subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.PIPE,
                           stderr=subprocess.PIPE, text=True) as run:
         run.stdout.readline()
@@ -514,14 +467,13 @@ def test_a_closed_pipe_does_not_end_a_run(tmp_path):
 
 @pytest.mark.parametrize("streams, warning", [
     (">/dev/full", ["pgran: warning: standard output cannot be written (No space left on device); "
-                    "nothing more is shown"]),
-    (">/dev/full 2>/dev/full", []), (">&-", []), (">&- 2>&- <&-", [])])
+                    "further output is discarded"]),
+    (">&- 2>&- <&-", [])])
 def test_an_unwritable_log_does_not_end_a_run(tmp_path, streams, warning):
     path = tmp_path / "run.h5"
-    line, environment = run_on_ranks.command(0, "-m", "pgran", "-options_file",
-                                       DIRECT, *SMALL,
-                                       "-pgran_progress", "steps", "-pgran_compression", "0.001",
-                                       "-ts_monitor", "-pgran_output", path)
+    line, environment = run_on_ranks.command(
+        0, "-m", "pgran", "-options_file", DIRECT, *SMALL, "-pgran_progress", "steps",
+        "-pgran_compression", 0.001, "-ts_monitor", "-pgran_output", path)
     done = subprocess.run(["sh", "-c", f'exec "$@" {streams}', "sh", *line], env=environment,
                           cwd=ROOT, stderr=subprocess.PIPE, text=True, timeout=allowed(60))
     assert done.returncode == 0 and done.stderr.splitlines() == warning

@@ -129,11 +129,11 @@ def test_xdmf_opens_as_a_time_series(biaxial):
 
 
 @pytest.mark.parametrize("file, counts, more", [
-    ("direct.opts", (0, 2), COARSE), ("biaxial.opts", (0, 3), ("-ts_max_steps", 24, *COARSE)),
-    ("direct.opts", (0, 3), ("-pgran_model", "li", "-pgran_shear_modulus", 200, "-ts_max_steps",
+    ("biaxial.opts", (0, 3), ("-ts_max_steps", 24, *COARSE)),
+    ("direct.opts", (0, 2), ("-pgran_model", "li", "-pgran_shear_modulus", 200, "-ts_max_steps",
                              12, *COARSE)),
-    ("direct.opts", (0, 3), ("-pgran_inertia", "true", "-pgran_law", "jop", *COARSE))],
-    ids=["direct", "fieldsplit", "li", "inertia"])
+    ("direct.opts", (0, 2), ("-pgran_inertia", "true", "-pgran_law", "jop", *COARSE))],
+    ids=["fieldsplit", "li", "inertia"])
 def test_fields_do_not_depend_on_the_ranks(tmp_path, file, counts, more):
     paths = [tmp_path / f"{ranks}.h5" for ranks in counts]
     for ranks, path in zip(counts, paths):
@@ -142,8 +142,7 @@ def test_fields_do_not_depend_on_the_ranks(tmp_path, file, counts, more):
         assert max(differences(paths[0], path).values()) < 1e-8
 
 
-@pytest.mark.parametrize("law, model, modulus", [("jop", "ngf", 1000), ("bingham", "li", 200),
-                                                 ("jop", "li", 200)])
+@pytest.mark.parametrize("law, model, modulus", [("jop", "ngf", 1000), ("jop", "li", 200)])
 def test_laws_and_models_follow_the_deformation(tmp_path, law, model, modulus):
     path = tmp_path / "short.h5"
     pgran(0, "direct.opts", path, *SMALL, "-pgran_law", law, "-pgran_model", model,
@@ -158,15 +157,12 @@ def test_laws_and_models_follow_the_deformation(tmp_path, law, model, modulus):
     assert (fields["inertial_number"] * area).sum() / area.sum() == pytest.approx(0.001, rel=0.1)
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_advection_weak_form_and_multigrid_tests_pass_on_ranks(ranks):
-    def run(*arguments):
-        run_ranks(ranks, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments)
-
-    run("tests/test_advection.py", "-k", "ranks or uniform_field or both_stresses")
-    if ranks == 3:
-        run("tests/test_weakform.py", "tests/test_multigrid.py", "-k",
-            "not odd_elements and not iterations and not a_split and not more_grids")
+def test_advection_weak_form_and_multigrid_tests_pass_on_ranks():
+    for arguments in (
+            ("tests/test_advection.py", "-k", "ranks or uniform_field or both_stresses"),
+            ("tests/test_weakform.py", "tests/test_multigrid.py", "-k",
+             "not odd_elements and not iterations and not a_split and not more_grids")):
+        run_ranks(3, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments)
 
 
 def test_fieldsplit_and_direct_solvers_agree(tmp_path):
@@ -181,14 +177,6 @@ def test_fieldsplit_and_direct_solvers_agree(tmp_path):
     found = differences(direct, shipped)
     assert max(found[key] for key in ("velocity", "inertial_number")) < 5e-3, found
     assert snapshot(direct)[1]["inertial_number"].max() > 1.5e-3  # with a band
-
-
-def test_inertial_flow_stays_homogeneous(tmp_path):
-    path = tmp_path / "inertial.h5"
-    pgran(0, "direct.opts", path, *SMALL, "-pgran_inertial_number", 0.03)
-    row = band.measure(path)[-1]
-    assert not row["localised"]
-    assert 0.98 * 0.03 < row["inertial_number_min"] <= row["inertial_number_max"] < 1.02 * 0.03
 
 
 @pytest.mark.parametrize("restart", [False, True])
@@ -210,20 +198,17 @@ def test_steady_flow_satisfies_the_rigid_viscous_equations(biaxial, tmp_path, re
 
 def test_an_unsteady_flow_is_not_reported_as_steady(tmp_path):
     path = tmp_path / "early.h5"
-    done = pgran(2, "steady.opts", path, *SMALL, "-ts_max_steps", 1, check=False)
-    assert done.returncode == 1
-    assert "no steady flow within -ts_max_steps 1: the residual is" in done.stderr
-    assert "hold to a residual" not in done.stdout
+    done = pgran(0, "steady.opts", path, *SMALL, "-ts_max_steps", 1, check=False)
+    refused(done, "no steady flow within -ts_max_steps 1: the residual is")
     with h5py.File(path) as file:
         assert not file.attrs.get("complete", False) and len(file["snapshots"]) == 1
 
 
 @pytest.mark.parametrize("more, message", [
     (("-pgran_inertial_number", 0.002), "-pgran_inertial_number 0.002: {path} was made with"),
-    (("-pgran_law", "jop"), "-pgran_law jop: {path} was made with"),
-    (SMALL, "its 41 x 121 nodes are not the 21 x 61 of this grid")], ids=["I0", "law", "grid"])
+    (SMALL, "its 41 x 121 nodes are not the 21 x 61 of this grid")], ids=["I0", "grid"])
 def test_steady_flow_rejects_snapshots_of_other_physics_or_grids(biaxial, tmp_path, more, message):
-    done = pgran(2, "steady.opts", tmp_path / "x.h5", "-pgran_restart", biaxial[0], *more,
+    done = pgran(0, "steady.opts", tmp_path / "x.h5", "-pgran_restart", biaxial[0], *more,
                  check=False)
     refused(done, message.format(path=biaxial[0]))
 
@@ -281,22 +266,6 @@ def test_scales_are_written_for_si_units_also_to_a_name_with_blanks(tmp_path):
         assert file.attrs["scale_time"] == pytest.approx(1.0 / rate)
 
 
-@pytest.mark.parametrize("model, law, inertia", [
-    ("ngf", "bingham", "true"), ("ngf", "jop", "false"), ("li", "bingham", "false"),
-    ("li", "jop", "true")])
-def test_periodic_cell_keeps_homogeneous_flow(tmp_path, model, law, inertia):
-    path = tmp_path / "cell.h5"
-    pgran(0, "periodic.opts", path, "-pgran_model", model, "-pgran_law", law, "-pgran_inertia",
-          inertia, "-pgran_width", 40, "-pgran_height", 40, "-pgran_cell_elements", 4,
-          "-pgran_imperfection", 1, "-pgran_inertial_number", 0.03,
-          "-pgran_end_time", -2.0 * np.log(0.99))
-    _, fields = snapshot(path)
-    np.testing.assert_allclose(fields["inertial_number"], 0.03, rtol=0.02)
-    x = fields["coordinates"]
-    rate = fields["velocity"] / np.where(x == 0.0, 1.0, x)
-    np.testing.assert_allclose(rate[x[..., 0] > 1, 0], 0.5, rtol=1e-6)
-
-
 def test_mirrored_imperfection_gives_the_mirrored_band(tmp_path):
     paths = [tmp_path / f"{name}.h5" for name in ("plain", "mirrored")]
     for path, mirrored in zip(paths, ("false", "true")):
@@ -313,14 +282,6 @@ def test_an_eigenvector_grows_at_its_eigenvalue(tmp_path, monkeypatch):
     growth.grow(tmp_path / "mode.h5", options, tmp_path / "growth.h5", 0.008, *growth.EXPONENTIAL)
     _, time, span = growth.history(tmp_path / "growth.h5")
     assert growth.fitted(time, span) == pytest.approx(rate, rel=0.02)
-
-
-def test_a_mode_of_another_cell_is_rejected(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_on_ranks, "RANKS", 0)
-    growth.eigenmode(tmp_path / "mode.h5", 4)
-    done = pgran(2, "periodic.opts", tmp_path / "x.h5", "-pgran_mode_file", tmp_path / "mode.h5",
-                 "-pgran_cell_elements", 4, check=False)
-    refused(done, "-pgran_width 40.0:", "mode.h5 was made with")
 
 
 def test_the_message_about_a_mode_file_names_the_option_of_the_file(tmp_path):

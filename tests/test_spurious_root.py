@@ -26,12 +26,9 @@ def deviations(result):
             for snapshot in result.snapshots]
 
 
-@pytest.mark.parametrize("law", ["bingham", "jop"])
-@pytest.mark.parametrize("I0, more", [
-    (1e-4, {"imperfection": 1 - 1e-8}),
-    (1e-3, {"step_error": 0.05}), (1e-3, {"step_error": 0.25}), (1e-3, {"step_first": 1e-3}),
-    (1e-3, {"snapshots": [0.01, 0.02, 0.03, 0.05]}),
-    (1e-2, {}), (0.1, {"step_error": 1.0})])
+@pytest.mark.parametrize("law, I0, more", [
+    ("bingham", 1e-4, {"imperfection": 1 - 1e-8}), ("jop", 1e-3, {"step_first": 1e-3}),
+    ("bingham", 1e-3, {"snapshots": [0.01, 0.02, 0.03, 0.05]}), ("jop", 0.1, {"step_error": 1.0})])
 def test_a_uniform_cell_reaches_the_local_stress_ratio_with_any_step_control(
         tmp_path, law, I0, more):
     result = pgran.run(tmp_path / "cell.h5", law=law, inertial_number=I0,
@@ -41,8 +38,8 @@ def test_a_uniform_cell_reaches_the_local_stress_ratio_with_any_step_control(
         assert mu < 1e-6 and I < 1e-3
 
 
-@pytest.mark.parametrize("I0", [3e-4, 1e-3, 3e-3, 1e-2])
-def test_a_specimen_without_imperfection_keeps_the_local_stress_ratio(tmp_path, I0):
+def test_a_specimen_without_imperfection_keeps_the_local_stress_ratio(tmp_path):
+    I0 = 1e-3
     result = pgran.run(tmp_path / "a.h5", inertial_number=I0, element_size=10, imperfection=1,
                        compression=0.003, snapshots=[0.001, 0.002, 0.003])
     for mu, I in deviations(result):
@@ -102,15 +99,6 @@ def test_the_length_is_limited_close_to_a_free_surface_too():
     step.decay = decay
     defect = form.fluidity_defect(form.residual(local, np.zeros_like(local), step), step)
     assert defect == pytest.approx(decay * rate / form.material.law.mu_s, rel=1e-6)
-
-
-def test_no_other_model_has_the_root():
-    for model in ("ngf_primitive", "li"):
-        form = discretised(element_size=20, imperfection=1, model=model)
-        mu = form.material.stress_ratio
-        x, local = uniform(form, form.material.law.mu_s) if model != "li" else (
-            form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j), reference(form).local)
-        assert mu > 0.0 and form.spurious_root(local, at_rest(form, x, 0.0)) == 0.0
 
 
 def test_the_jacobian_with_a_limited_length_is_the_derivative_of_the_residual():

@@ -15,12 +15,10 @@ SAME = 1e-12
 class StepController:
     """Chooses step sizes so that errors stay near a limit and targets are met exactly.
 
-    The error estimate of a step is proportional to the square of its size.
-
     Parameters
     ----------
     limit : float
-        Desired error estimate.
+        Desired error estimate, which is proportional to the square of the step size.
     largest, growth : float
         Largest step, 1/gdot0, and largest ratio of successive steps.
     unresolved : float
@@ -42,10 +40,7 @@ class StepController:
         return not self.targets
 
     def start(self, time, wanted):
-        """Return the first step from ``time`` and skip the targets up to ``time``.
-
-        ``wanted`` is the desired step, for a restart the `wanted` of its checkpoint.
-        """
+        """Return the first step, if possible ``wanted``, and skip the targets up to ``time``."""
         while self.targets and self._reached(time):
             self.targets.pop(0)
         self.wanted = min(wanted, self.largest)
@@ -58,7 +53,7 @@ class StepController:
         return max(LEAST_SHARE, math.sqrt(self.limit / error)) * dt
 
     def land(self, time):
-        """Return and remove the target that an accepted step has reached, or return None."""
+        """Remove the target that an accepted step has reached; return it or None."""
         return self.targets.pop(0) if self.targets and self._reached(time) else None
 
     def _reached(self, time):

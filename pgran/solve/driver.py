@@ -4,11 +4,13 @@ With backward Euler each step of TS solves a `TimeStep`, and `StepController` ch
 pseudo-time continuation the mesh is frozen, and the elasticity provides the rate in pseudo-time.
 """
 
+from dataclasses import fields
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..options import Interrupted, OptionError, ParameterError, SolutionError
+from ..options import Interrupted, ParameterError, SolutionError
 from ..space import coarse, diagnostics, galerkin, multigrid, schur
 from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
@@ -16,21 +18,12 @@ from .controller import LEAST_SHARE, StepController
 from .energy import Balance
 from .failure import describe, name_of
 from .petsc_options import check_options, matrix_type
-from .state import TimeStep, frozen, velocity
+from .state import TimeStep, steady_residual, velocity
 from .tolerances import Tolerances
-
-#: Errors that callbacks raise on all ranks together.
-ERRORS = SolutionError, ParameterError, OptionError, Interrupted
 
 
 class AcceptedStep:
-    """An accepted step for `pgran.cases.Case.observe`.
-
-    Attributes
-    ----------
-    time : float
-        1/gdot0.
-    """
+    """An accepted step, at ``time`` (1/gdot0), for `pgran.cases.Case.observe`."""
 
     def __init__(self, form, time, local, forces, x):
         self.form, self.time, self._local, self._forces, self._x = form, time, local, forces, x
@@ -48,13 +41,12 @@ class AcceptedStep:
 
     def mean_velocity(self, side=None):
         """Return the mean velocity (2,) of a side or of the volume, d gdot0. Collective."""
-        form, x = self.form, self._x
-        nodal = velocity(form, self._local, x)
+        grid, x = self.form.grid, self._x
+        nodal = velocity(self.form, self._local, x)
         if side:
-            sums = diagnostics.side_integrals(form.grid, nodal, x, side)
+            sums = diagnostics.side_integrals(grid, nodal, x, side)
         else:
-            sums = diagnostics.integrals(
-                form.grid, nodal, Geometry(x[:, form.grid.element_nodes]))
+            sums = diagnostics.integrals(grid, nodal, Geometry(x[:, grid.element_nodes]))
         sums = self._comm.allreduce(sums)
         return sums[:DIM] / sums[DIM]
 
@@ -75,9 +67,8 @@ class Driver:
 
     Parameters
     ----------
-    form : pgran.space.weakform.WeakForm
-    state : pgran.solve.state.State
-        Initial state of the run.
+    form, state
+        Form and initial state of the run; the attribute ``state`` is the last accepted one.
     observer : callable
         ``observer(driver, landed, report)`` is called after each accepted step. ``landed`` is
         whether the step reached a target, and ``report`` contains the columns of the history.
@@ -89,26 +80,15 @@ class Driver:
         The `values` of a checkpoint from which the run continues.
     stop_requested : callable, optional
         ``stop_requested()`` returns on each rank the reason why the run shall stop, or None.
-
-    Attributes
-    ----------
-    state : pgran.solve.state.State
-        The last accepted state.
-    controller : pgran.solve.controller.StepController
-    rejected : int
-        Number of repeated steps.
-    at_rest : bool
-        Whether the flow has come to rest, which ends the run.
     """
 
     def __init__(self, form, state, observer, steady=False, targets=None, checkpoint=None,
-                 stop_requested=None):
+                 stop_requested=lambda: None):
         self.form, self.case, self.grid = form, form.case, form.grid
         self.parameters = parameters = form.case.parameters
         self.state, self.observer, self.steady = state, observer, steady
         self.comm = form.grid.comm.tompi4py()
-        self._checkpoint = dict(checkpoint or {})
-        self._stop_requested = stop_requested or (lambda: None)
+        self._checkpoint, self._stop_requested = checkpoint or {}, stop_requested
         targets = [] if steady else form.case.targets if targets is None else targets
         unresolved = 0.1 * form.material.loading_time
         self._first_step = parameters.step_first or min(parameters.step_max, unresolved)
@@ -128,8 +108,10 @@ class Driver:
             self._attempts = 1
             self._failure = self._checkpoint["failure"], self._checkpoint["cure"]
             self._decay = self._checkpoint.get("decay", 0.0)
-        #: Whether the last step was faster than ``rest_speed``; False at the start of a run.
+        self._rest_speed = getattr(parameters, "rest_speed", 0.0)
+        # Whether the last step was faster than this; False at the start of a run.
         self._moving = state.dt is not None and self._fast(state)
+        #: Whether the flow has come to rest, which ends the run.
         self.at_rest = bool(self._checkpoint.get("at_rest")) and self._rest_speed > 0.0 and (
             not self._moving)
         self._time = self._checkpoint.get("ts_time", 0.0 if steady else state.time)
@@ -142,7 +124,7 @@ class Driver:
 
     def _check_sizes(self, targets):
         """Refuse a smallest step that exceeds the first step or the distance of two targets."""
-        parameters, least = self.parameters, self.parameters.step_min
+        least = self.parameters.step_min
         for before, after in zip([self.state.time, *targets], targets):
             if 0.0 < after - before < least:
                 raise ParameterError(
@@ -152,27 +134,22 @@ class Driver:
             raise ParameterError(
                 "step_min", least, "the first step, a tenth of the time of elastic loading, is "
                 f"smaller, {self._first_step:.3g}; use a smaller @step_min, a smaller "
-                f"@shear_modulus than {parameters.shear_modulus:g}, or @step_first")
+                f"@shear_modulus than {self.parameters.shear_modulus:g}, or @step_first")
 
     def _initial_balance(self):
-        names = "stored", "work", "dissipation", "received", "dissipated"
         if self._checkpoint:
-            return Balance(**{name: self._checkpoint.get(name) for name in names})
-        state = self.state
-        stressed = self.comm.allreduce(bool(state.stress.any()), MPI.LOR)
-        stored, _ = diagnostics.stored_energy(self.form, state.local, state.stress,
-                                              Geometry(state.x[:, self.grid.element_nodes]))
+            return Balance(*(self._checkpoint.get(field.name) for field in fields(Balance)))
+        stressed = self.comm.allreduce(bool(self.state.stress.any()), MPI.LOR)
+        stored, _ = self._stored_energy(self.state.local)
         power = None if stressed else 0.0  # without stress all powers are zero
         return Balance(stored, received=power, dissipated=power)
 
     def _create_ts(self):
         form = self.form
-        kind = matrix_type()
-        if kind == PETSc.Mat.Type.NEST and galerkin.requested() and not (
-                self.parameters.coarse_correction):
+        kind, corrected = matrix_type(), self.parameters.coarse_correction
+        if kind == PETSc.Mat.Type.NEST and galerkin.requested() and not corrected:
             kind = "blocked"
         self.matrix = form.create_matrix(kind)
-        self.schur = self.hierarchy = self._correction = None
         ts = PETSc.TS().create(comm=self.grid.comm)
         ts.setDM(multigrid.field_shell(form))
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
@@ -192,26 +169,20 @@ class Driver:
         ts.setStepNumber(int(self._checkpoint.get("steps", 0)))
         ts.setTimeStep(self._first_step)
         ts.setFromOptions()
-        check_options(ts, self._time, self.grid.has_fluidity, self.parameters.coarse_correction)
+        check_options(ts, self._time, self.grid.has_fluidity, corrected)
         ksp = ts.getSNES().getKSP()
         self.schur = schur.configure(ksp, form)
         self.hierarchy = galerkin.Hierarchy(ksp, form) if galerkin.requested() else None
-        if self.parameters.coarse_correction:
-            self._correction = coarse.correct(ksp, ts.getDM(), form)
+        self._correction = coarse.correct(ksp, ts.getDM(), form) if corrected else None
         return ts
 
     def destroy(self):
-        """Free the objects of PETSc. Collective.
-
-        TS and SNES refer to methods of the driver, which refers to TS and SNES. Python's garbage
-        collector does not detect cycles through PETSc.
-        """
+        """Free the objects of PETSc: garbage collection does not detect their cycles."""
         dm = self.ts.getDM()  # destroyed last, so that its callbacks are freed
         self._tolerances = self.hierarchy = self.schur = None  # they refer to SNES, KSP and PC
         self.ts.destroy()
         if self._correction:
             self._correction.inner.destroy()
-            self._correction = None
         dm.destroy()
 
     @property
@@ -224,18 +195,15 @@ class Driver:
     def time_step(self, dt):
         """Return the `TimeStep` of size ``dt`` from the last accepted state.
 
-        Raises
-        ------
-        SolutionError
-            If repeated steps have become smaller than the smallest step.
+        Raises `SolutionError` if repeated steps have become smaller than the smallest step.
         """
         if self._dt is not None and abs(dt - self._dt) <= 1e-9 * dt:  # equal except for rounding
             return self._step
         if 0.0 < dt < self.parameters.step_min:
             least = f"@step_min {self.parameters.step_min:g}"
-            if self._failure is None:
-                raise SolutionError(f"the required step {self._now} is {dt:.3g}, below {least}")
-            raise self._step_failed(f"no step down to {least} converges")
+            if self._failure:
+                raise self._step_failed(f"no step down to {least} converges")
+            raise SolutionError(f"the required step {self._now} is {dt:.3g}, below {least}")
         self._attempts += 1
         # Between steps of pseudo-time TS evaluates residuals: with the elasticity of the last step.
         size = dt or (self._last if self.steady else 0.0)
@@ -247,12 +215,11 @@ class Driver:
         return f"at {self.case.label(self.state.time)} (time {self.state.time:.6g})"
 
     def _step_failed(self, what):
-        """Return the error of a step that is not repeated, with the reason of the last failure."""
         why, remedy = self._failure
         return SolutionError(f"{what} {self._now}: {why}. What may help: {remedy}")
 
     def _predict(self, snes, u):
-        """Set the initial guess of Newton's method: extrapolated, or constant after a failure."""
+        """Set the initial guess: extrapolated, or constant after a failure."""
         # A failed attempt has set the size of this one, and has left arbitrary values in u.
         dt = self.ts.getTimeStep() if self._attempts == 0 else 0.0
         if self._attempts and snes.getConvergedReason() < 0:
@@ -281,9 +248,8 @@ class Driver:
 
     def _ifunction(self, ts, time, u, rate, f):
         with PETSc.Log.Stage("Residual"):
-            reasons = [text for text in self.comm.allgather(self._stop_requested()) if text]
-            if reasons:
-                raise Interrupted(reasons[0])
+            for reason in filter(None, self.comm.allgather(self._stop_requested())):
+                raise Interrupted(reason)
             self._tried, local_rate = self.grid.to_local(u), self.grid.to_local(rate)
             rows = self.form.residual(self._tried, local_rate, self._increment(ts, time))
             if self.steady and self._dt == 0.0 and self.comm.rank == 0:
@@ -310,7 +276,7 @@ class Driver:
             self.hierarchy.update(jacobian, preconditioner)
 
     def _fluidity_defect(self, local, rate, increment):
-        """Return the defect for `WeakForm.jacobian`, or None for the tangent. Collective."""
+        """Return the defect for `WeakForm.jacobian`, or None for the tangent."""
         if not self.parameters.secant or not self.grid.has_fluidity:
             return None
         # SNES has usually evaluated the residual at these unknowns.
@@ -324,12 +290,8 @@ class Driver:
     def solve(self):
         """Solve until the end of the run.
 
-        Raises
-        ------
-        SolutionError
-            If no step converges, no steady flow is found, or the mesh becomes invalid.
-        Interrupted
-            If the run was requested to stop.
+        Raises `SolutionError` if no step converges, no steady flow is found, or the mesh becomes
+        invalid, and `Interrupted` if the run was requested to stop.
         """
         u = self.grid.create_vector()
         self.grid.from_local(self.state.local, u)
@@ -345,10 +307,7 @@ class Driver:
             with PETSc.Log.Stage("Solve"):
                 self.ts.solve(u)
         except PETSc.Error as error:
-            raised = callback_error(error)
-            if isinstance(raised, ERRORS):
-                raise raised from None
-            raise
+            raise callback_error(error) from None
         reason, reasons = self.ts.getConvergedReason(), PETSc.TS.ConvergedReason
         if reason < 0:
             why, remedy = self._failure or ("no step was accepted", "a smaller @step_max")
@@ -371,9 +330,16 @@ class Driver:
         step.dt = dt  # the time of TS, which differs by rounding
         if self._decay:  # solve the unmodified equations from this solution
             return self._repeat(ts, dt, local)
+        # At the root mu = mu_s of F, g differs from g_loc. F + eps g, eps = mu_loc(I) - mu_s, does
+        # not have it: g decreases until mu exceeds mu_loc(I). From there Newton's method converges
+        # to mu_loc(I) when eps returns to zero.
         excess = self.form.spurious_root(local, step.increment)
+        if excess and not self._guarded:
+            return self._repeat(ts, dt, local, excess)
         if excess:
-            return self._avoid_spurious_root(ts, dt, local, excess)
+            self._failure = ("Newton's method converges to mu = mu_s, which does not solve (2.5)",
+                             "a smaller @step_max")
+            return self._repeat(ts, LEAST_SHARE * dt)
         stress = self.form.stress(local, step.increment)
         if not self.steady:
             estimate = step.error_estimate(local, stress, self.parameters.step_min_deviation)
@@ -410,19 +376,6 @@ class Driver:
                 ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
         self.observer(self, target is not None or self.at_rest, self._report(dt))
 
-    def _avoid_spurious_root(self, ts, dt, local, excess):
-        """Repeat a step that converged to mu = mu_s, where F = 0 although g differs from g_loc.
-
-        F + eps g, eps = mu_loc(I) - mu_s, does not have this root, and g decreases until mu exceeds
-        mu_loc(I). From there Newton's method converges to mu_loc(I) when eps returns to zero. If
-        this fails, the step is repeated with a smaller size.
-        """
-        if not self._guarded:
-            return self._repeat(ts, dt, local, excess)
-        self._failure = ("Newton's method converges to mu = mu_s, which does not solve (2.5)",
-                         "a smaller @step_max")
-        self._repeat(ts, LEAST_SHARE * dt)
-
     def _repeat(self, ts, dt, guess=None, decay=0.0):
         """Repeat the step with size ``dt`` from a guess (n_local,) or, if None, a prediction."""
         self.rejected += 1
@@ -435,32 +388,25 @@ class Driver:
             ts.rollBack()
         ts.setTimeStep(dt)
 
-    @property
-    def _rest_speed(self):
-        return getattr(self.parameters, "rest_speed", 0.0)
-
     def _fast(self, state):
-        """Return whether the largest velocity exceeds ``rest_speed`` > 0. Collective."""
+        """Return whether the largest velocity exceeds ``rest_speed`` > 0."""
         if not self._rest_speed:
             return False
         speed = velocity(self.form, state.local, state.x)[:, self.grid.nodes.owned]
         return self.comm.allreduce(np.abs(speed).max(initial=0.0), MPI.MAX) > self._rest_speed
 
     def _check_mesh(self, state):
-        """Raise an error if elements are inverted or the mesh leaves its domain. Collective."""
+        """Raise an error if elements are inverted or the mesh leaves its domain."""
         nodes, owned = self.grid.nodes, self.grid.nodes.owned
-        elements = self.grid.element_nodes[:, self.grid.elements.owned]
-        determinants = least_determinant(state.x[:, elements])
-        found = None
+        x, elements = state.x[:, owned], self.grid.element_nodes[:, self.grid.elements.owned]
+        determinants, found = least_determinant(state.x[:, elements]), None
+        out = self.case.nodes_outside(state.time, x, nodes.i[owned], nodes.j[owned])
         if not (determinants > 0.0).all():
             middle = state.x[:, elements[NODES // 2]]
-            found = "an element is inverted", middle[:, np.argmin(determinants)].tolist()
-        out = self.case.nodes_outside(state.time, state.x[:, owned], nodes.i[owned], nodes.j[owned])
-        if out is not None and found is None and out[0].any():
-            found = out[1], state.x[:, owned][:, np.argmax(out[0])].tolist()
-        found = [place for place in self.comm.allgather(found) if place]
-        if found:
-            what, at = found[0]
+            found = "an element is inverted", middle[:, np.argmin(determinants)]
+        elif out and out[0].any():
+            found = out[1], x[:, np.argmax(out[0])]
+        for what, at in filter(None, self.comm.allgather(found)):
             raise SolutionError(
                 f"the mesh becomes invalid at {self.case.label(state.time)}: {what} at x = "
                 f"({at[0]:.4g}, {at[1]:.4g}) d. What may help: an earlier end, or a smaller "
@@ -470,51 +416,43 @@ class Driver:
 
     def steady_residual(self):
         """Return the norm of the residual (2.9)-(2.11) of the last state without rates."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            rows = self.form.residual(self.state.local, np.zeros(self.grid.n_local),
-                                      frozen(self.form, self.state))
-        return float(np.sqrt(self.comm.allreduce(rows @ rows)))
+        return steady_residual(self.form, self.state)
 
     def _report(self, dt):
-        """Return the columns of the history for the last accepted step."""
         snes, (local, rate, increment) = self.ts.getSNES(), self._accepted
         I = self.form.inertial_number(local, increment)
         forces = self.form.forces(local, rate, increment)
         step = AcceptedStep(self.form, self.state.time, local, forces, increment.x)
         report = {
-            "time": self.state.time,
-            "step_size": dt,
-            "courant_number": self._step.courant_number,
+            "time": self.state.time, "step_size": dt, "courant_number": self._step.courant_number,
             "newton_iterations": snes.getIterationNumber(),
             "linear_iterations": snes.getLinearSolveIterations(),
             "inertial_number_min": self.comm.allreduce(I.min(), MPI.MIN),
-            "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX),
-            **self.case.observe(step)}
+            "inertial_number_max": self.comm.allreduce(I.max(), MPI.MAX), **self.case.observe(step)}
         if self.balance:
-            self.balance.add(dt, *diagnostics.power(
-                self.form, local, forces, increment))
-            report.update(self.balance.report(*diagnostics.stored_energy(
-                self.form, local, self.state.stress,
-                Geometry(self.state.x[:, self.grid.element_nodes]))))
+            self.balance.add(dt, *diagnostics.power(self.form, local, forces, increment))
+            report.update(self.balance.report(*self._stored_energy(local)))
         return report
+
+    def _stored_energy(self, local):
+        """Return the stored energy and the volume of the last accepted state."""
+        x, stress = self.state.x[:, self.grid.element_nodes], self.state.stress
+        return diagnostics.stored_energy(self.form, local, stress, Geometry(x))
 
     def cost(self):
         """Return the numbers of steps and iterations so far, including repeated steps."""
-        ts = self.ts
-        return {"steps": ts.getStepNumber(), **{
-            name: int(self._checkpoint.get(name, 0)) + count for name, count in (
-                ("steps_repeated", self.rejected + ts.getStepRejections()),
-                ("newton_iterations", ts.getSNESIterations()),
-                ("linear_iterations", ts.getKSPIterations()))}}
+        counts = {"steps_repeated": self.rejected + self.ts.getStepRejections(),
+                  "newton_iterations": self.ts.getSNESIterations(),
+                  "linear_iterations": self.ts.getKSPIterations()}
+        return {"steps": self.ts.getStepNumber(), **{
+            name: int(self._checkpoint.get(name, 0)) + count for name, count in counts.items()}}
 
     def values(self, repeat=True):
         """Return the numbers of a checkpoint, the argument ``checkpoint`` of `Driver`. Collective.
 
-        If the last attempt of the next step failed, they contain the size of the next attempt and
-        the reason, and a restart makes the same attempt. If ``repeat`` is False, as after an error,
-        a restart begins with the desired step.
+        A restart repeats a failed attempt of the next step unless ``repeat`` is False.
         """
-        found = {**self.cost(), **self.balance.values(), **self.state.values(self.grid),
+        found = {**self.cost(), **vars(self.balance), **self.state.values(self.grid),
                  "ts_time": self._time, "wanted": self.controller.wanted or self._first_step,
                  "perturbation": self._deviation, "at_rest": int(self.at_rest)}
         if repeat and self._failure is not None:
@@ -528,10 +466,8 @@ class Driver:
 
         Ghost nodes may lack contributions of other ranks.
         """
-        local, _, increment = self._accepted
-        form, x = self.form, self.state.x
-        speed, fields = velocity(form, local, x), diagnostics.nodal_fields(
-            form, local, increment)
+        (local, _, increment), form, x = self._accepted, self.form, self.state.x
+        speed, fields = velocity(form, local, x), diagnostics.nodal_fields(form, local, increment)
         deviator = form.grid.at_nodes(self.state.stress)
         pressure = np.multiply.outer([1.0, 1.0, 0.0], fields["pressure"])
         return {"coordinates": x, "velocity": speed, **fields, "deviator": deviator,

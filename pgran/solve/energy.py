@@ -1,33 +1,29 @@
 """Energy balance of a run: work, dissipation and stored energy."""
 
+from dataclasses import dataclass
 
+
+@dataclass
 class Balance:
     """Work and dissipation of a run, integrated over its steps by the trapezoidal rule.
 
-    The exact solution satisfies work = dissipation + change of the stored energy. The difference
-    measures the errors of the time steps and of Newton's method.
-
-    Parameters
-    ----------
-    stored : float
-        Stored energy at the start, stress d^2 per unit depth.
-    work, dissipation : float
-        Values up to now, stress d^2 per unit depth.
-    received, dissipated : float or None
-        Powers at the end of the last step, stress d^2 gdot0. If they are unknown (None), as at the
-        start of a flow, the powers at the end of the first step hold for the entire step.
+    The exact solution satisfies work = dissipation + change of the stored energy. Energies are in
+    stress d^2 per unit depth.
     """
 
-    def __init__(self, stored, work=0.0, dissipation=0.0, received=None, dissipated=None):
-        self.stored, self.work, self.dissipation = stored, work, dissipation
-        self.received, self.dissipated = received, dissipated
+    stored: float  #: at the start
+    work: float = 0.0
+    dissipation: float = 0.0
+    #: Powers at the end of the last step; None if unknown, as at the start of a flow.
+    received: float = None
+    dissipated: float = None
 
     def add(self, dt, received, dissipated):
         """Add a step of size ``dt`` with the powers at its end."""
-        before = (received, dissipated) if self.received is None else (
-            self.received, self.dissipated)
-        self.work += 0.5 * dt * (before[0] + received)
-        self.dissipation += 0.5 * dt * (before[1] + dissipated)
+        if self.received is None:
+            self.received, self.dissipated = received, dissipated
+        self.work += 0.5 * dt * (self.received + received)
+        self.dissipation += 0.5 * dt * (self.dissipated + dissipated)
         self.received, self.dissipated = received, dissipated
 
     def report(self, stored, volume):
@@ -37,7 +33,3 @@ class Balance:
         missing = self.work - self.dissipation - change
         return {"work": self.work, "dissipation": self.dissipation, "stored_energy": change,
                 "energy_error": missing / scale if scale else 0.0, "volume": volume}
-
-    def values(self):
-        """Return the numbers of a checkpoint, which are the arguments of the constructor."""
-        return dict(vars(self))

@@ -54,16 +54,8 @@ def describe(snes, form, increment, local):
         why += f": {because}"
     size, text = _largest_residual(snes, form, increment.x)
     if np.isinf(size):  # the name of this reason differs between versions of PETSc
-        why, remedy = f"the residual is NaN ({name})", _SMALLER
-        place = _undefined(form, increment, local)
-        limit = form.case.law.limit
-        if place and place.startswith("mu") and np.isfinite(limit):
-            remedy = (f"a start and loads that need mu < {limit:.4g} everywhere, a smaller "
-                      "@step_max, or another @law")
-            if getattr(form.case.parameters, "wall_fluidity", "") == "zero":
-                remedy += "; a wall with @wall_fluidity zero needs a larger mu than other walls"
-        if place and place.startswith("pressure"):
-            remedy = f"loads that leave the pressure positive, or {_SMALLER}"
+        why = f"the residual is NaN ({name})"
+        place, remedy = _undefined(form, increment, local)
     return "; ".join(filter(None, [why, place, text])), remedy
 
 
@@ -80,20 +72,9 @@ def _linear(ksp):
     return why, remedy
 
 
-def _place(form, x, number):
-    """Return the field and the coordinates (2,) of a local unknown."""
-    grid = form.grid
-    if number < grid.n_flow:
-        node, field = divmod(number, grid.dof)
-        return grid.fields[field], x[:, node]
-    corner = number - grid.n_flow
-    return "P", x[:, grid.nodes.index(2 * grid.corners.i[corner], 2 * grid.corners.j[corner])]
-
-
 def _largest(form, sizes, describe_entry):
     """Return the largest size on all ranks, inf for NaN, and the description of its entry."""
-    sizes = np.where(np.isnan(sizes), np.inf, sizes)
-    found = (0.0, None)
+    sizes, found = np.where(np.isnan(sizes), np.inf, sizes), (0.0, None)
     if sizes.size:
         index = int(np.argmax(sizes))
         found = float(sizes[index]), describe_entry(index)
@@ -105,18 +86,22 @@ def _at(x):
 
 
 def _largest_residual(snes, form, x):
-    residual = np.abs(snes.getFunction()[0].array_r)
+    residual, grid = np.abs(snes.getFunction()[0].array_r), form.grid
 
     def describe_entry(index):
-        field, place = _place(form, x, form.grid.owned[index])
+        node, field = divmod(grid.owned[index], grid.dof)
+        name = grid.fields[field]
+        if grid.owned[index] >= grid.n_flow:
+            corner, name = grid.owned[index] - grid.n_flow, "P"
+            node = grid.nodes.index(2 * grid.corners.i[corner], 2 * grid.corners.j[corner])
         value = f"{residual[index]:.2e}" if np.isfinite(residual[index]) else "NaN"
-        return f"the largest residual is {value}, in {EQUATIONS[field]} {_at(place)}"
+        return f"the largest residual is {value}, in {EQUATIONS[name]} {_at(x[:, node])}"
 
     return _largest(form, residual, describe_entry)
 
 
 def _undefined(form, increment, local):
-    """Return where the unknowns leave the range of the law; None if the rheology is defined."""
+    """Return where the unknowns leave the range of the law, and a remedy, as two texts."""
     # Ghost elements beyond the ends of the domain are images of owned elements.
     owned = form.grid.elements.owned
     pressure, mu = form.collect(
@@ -126,14 +111,18 @@ def _undefined(form, increment, local):
         q, e = np.unravel_index(index, mu.shape)
         return _at(SHAPE[q] @ increment.x[:, form.grid.element_nodes[:, owned[e]]].T)
 
-    def low(index):
-        return (f"pressure is negative, {pressure.ravel()[index]:.3g} {form.case.stress_unit}, "
-                + place(index))
-
-    def steep(index):
-        limit = form.case.law.limit
-        return f"mu reaches {mu.ravel()[index]:.4g} {place(index)}" + (
-            f", and the law bears less than {limit:.4g}" if np.isfinite(limit) else "")
-
-    size, text = _largest(form, -pressure.ravel(), low)
-    return text if size > 0.0 else _largest(form, mu.ravel(), steep)[1]
+    size, text = _largest(form, -pressure.ravel(), lambda index: (
+        f"pressure is negative, {pressure.ravel()[index]:.3g} {form.case.stress_unit}, "
+        f"{place(index)}"))
+    if size > 0.0:
+        return text, f"loads that leave the pressure positive, or {_SMALLER}"
+    limit, remedy = form.case.law.limit, _SMALLER
+    _, text = _largest(form, mu.ravel(), lambda index: (
+        f"mu reaches {mu.ravel()[index]:.4g} {place(index)}"))
+    if np.isfinite(limit):
+        text += f", and the law bears less than {limit:.4g}"
+        remedy = (f"a start and loads that need mu < {limit:.4g} everywhere, a smaller "
+                  "@step_max, or another @law")
+        if getattr(form.case.parameters, "wall_fluidity", "") == "zero":
+            remedy += "; a wall with @wall_fluidity zero needs a larger mu than other walls"
+    return text, remedy

@@ -1,10 +1,8 @@
 """Growth rates of the linearised time step on a moving mesh.
 
-A step maps mesh, stress and unknowns to their values at the next time. Its linearisation about the
-reference flow or a snapshot has multipliers m and growth rates log(m)/dt, which include the motion
-of the mesh and the history of the elastic stress, unlike the spectra of `pgran.solve.spectrum`.
-SLEPc computes the largest multipliers matrix-free: each product solves two linear systems with the
-Jacobian of the step.
+A step maps mesh, stress and unknowns to their values at the next time. Its linearisation about a
+flow has multipliers m and growth rates log(m)/dt. SLEPc computes the largest ones matrix-free: each
+product solves two linear systems with the Jacobian of the step.
 """
 
 import numpy as np
@@ -37,25 +35,11 @@ SHOWN = 2.0
 
 
 class LinearisedStep:
-    """The derivative of one step (backward Euler, trapezoidal mesh) about a flow.
+    """The derivative of one step ``dt``, 1/gdot0, about a flow. Collective.
 
-    A disturbance is one array of this rank: mesh (2 n_nodes), unknowns (n_local) and stress
-    (3 points n_elements) with ghosts. Collective.
-
-    Parameters
-    ----------
-    form : pgran.space.weakform.WeakForm
-    dt : float
-        Size of the step, 1/gdot0.
-    without : sequence of str
-        Names of omitted `PARTS`.
-    start : pgran.solve.state.State, optional
-        Start of the step; by default the reference flow.
-
-    Raises
-    ------
-    SolutionError
-        If Newton's method does not converge for the undisturbed step.
+    ``without`` are the names of omitted `PARTS`, and ``start`` is a `State`, by default of the
+    reference flow. A disturbance is one array of this rank: mesh (2 n_nodes), unknowns (n_local)
+    and stress (3 points n_elements) with ghosts.
     """
 
     def __init__(self, form, dt, without=(), start=None):
@@ -139,41 +123,29 @@ class LinearisedStep:
         return np.concatenate([step.mesh_at_end(end).ravel(), end,
                                form.stress(end, increment).ravel()])
 
-    def apply(self, direction):
-        """Return the derivative in a direction (size,), by central differences. Collective."""
-        largest = self.form.grid.comm.tompi4py().allreduce(
-            np.abs(direction).max(initial=0.0), MPI.MAX)
-        scale = SIZE / (largest or 1.0)
-        plus, minus = (self._advanced(sign * scale * direction) for sign in (1.0, -1.0))
-        return (plus - minus) / (2.0 * scale)
-
     def mult(self, matrix, x, y):
-        """Multiply, as a PETSc matrix of type Python."""
-        y.setArray(self.apply(x.array_r))
+        """Multiply, as a PETSc matrix of type Python: central differences in the direction x."""
+        scale = SIZE / (x.norm(PETSc.NormType.NORM_INFINITY) or 1.0)
+        plus, minus = (self._advanced(sign * scale * x.array_r) for sign in (1.0, -1.0))
+        y.setArray((plus - minus) / (2.0 * scale))
 
 
-def fastest_modes(form, dt, without=(), count=4, start=None):
-    """Return the fastest growth rates of a step and their modes, fastest first. Collective.
+def fastest_modes(form, dt, without=(), start=None):
+    """Return (log(m)/dt, residual, mode) of the fastest modes of a `LinearisedStep`. Collective.
 
-    ``count`` is the number of modes; see `LinearisedStep` for the other parameters. Solver options
-    have the prefixes ``-eps_`` and ``-step_``.
-
-    Returns
-    -------
-    list of (complex, float, ndarray)
-        log(m)/dt in gdot0; the relative residual |A x - m x|/|m x| of the eigenpair; and the
-        complex mode (size,), a disturbance as in `LinearisedStep`.
+    Rates are in gdot0, residuals are |A x - m x|/|m x|, and modes are complex disturbances. Solver
+    options have the prefixes ``-eps_`` and ``-step_``.
     """
     from slepc4py import SLEPc
 
     step, comm = LinearisedStep(form, dt, without, start), form.grid.comm
-    shell = PETSc.Mat().createPython(((step.size, None), (step.size, None)), step, comm=comm)
+    shell = PETSc.Mat().createPython([(step.size, None)] * 2, step, comm=comm)
     shell.setUp()
     eps = SLEPc.EPS().create(comm=comm)
     eps.setOperators(shell)
     eps.setProblemType(SLEPc.EPS.ProblemType.NHEP)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_MAGNITUDE)
-    eps.setDimensions(count, max(40, 4 * count))
+    eps.setDimensions(4, 40)
     eps.setTolerances(1e-6, 100)
     eps.setFromOptions()
     eps.solve()
@@ -189,43 +161,37 @@ def fastest_modes(form, dt, without=(), count=4, start=None):
 def spectrum(parameters, comm, dt):
     """Return form, rows and modes of a step ``dt``, 1/gdot0, about a snapshot. Collective.
 
-    The result has the form of `pgran.solve.spectrum.spectrum` with the modes of `fastest_modes`.
-    Raises `SolutionError` if no mode converges.
+    Rows are described in `pgran.solve.spectrum.spectrum`, modes in `fastest_modes`.
     """
     form = discretise(parameters, comm)
     found = fastest_modes(form, dt, start=states.snapshot_start(form))
     if not found:
         raise SolutionError("no multiplier of the linearised step converged. What may help: a "
                             "larger @@eps_max_it or @@eps_ncv")
-    return (form, [row_of(rate, residual) for rate, residual, _ in found],
-            [mode for _, _, mode in found])
+    rates, residuals, modes = zip(*found)
+    return form, list(map(row_of, rates, residuals)), modes
 
 
 def extrapolated(steps, rates):
-    """Return rates (n,), gdot0, extrapolated to a step of zero by a polynomial in the step.
-
-    ``steps`` (n,) are in 1/gdot0; the error of a rate is proportional to the step.
-    """
+    """Return rates (n,), gdot0, extrapolated to a step of zero by a polynomial in ``steps``."""
     return float(np.polynomial.polynomial.polyfit(steps, rates, len(steps) - 1)[0])
 
 
 def write_mode(path, form, rate, mode, option=("output", PREFIX)):
     """Write a mode of `fastest_modes` with growth rate ``rate``, gdot0, to a file. Collective.
 
-    The largest displacement of the mode is 1 d. The fields are ``displacement`` (d), ``velocity``
-    (d gdot0), ``pressure`` and, if present, ``fluidity``, on a mesh displaced by at most `SHOWN`.
     ``option`` names the file as for `pgran.output.writer.Writer`. Returns this writer and the name
     of a field for a picture.
     """
     grid = form.grid
     x = states.snapshot_start(form).x if form.case.parameters.restart else (
         form.case.coordinates(grid.nodes.i, grid.nodes.j))
-    mode = (mode / grid.largest(mode[:x.size])).real
+    mode = (mode / grid.largest(mode[:x.size])).real  # the largest displacement becomes 1 d
     velocity, fluidity, pressure = grid.split(mode[x.size:x.size + grid.n_local])
     displacement = mode[:x.size].reshape(x.shape)
     fields = {"coordinates": x + SHOWN * displacement, "displacement": displacement,
-              "velocity": velocity, "pressure": form.grid.corner_field(pressure)}
-    if fluidity is not None:
+              "velocity": velocity, "pressure": grid.corner_field(pressure)}
+    if grid.has_fluidity:
         fields["fluidity"] = fluidity
     writer = write_once(path, form, fields, option, growth_rate=rate, complete=True)
     return writer, "fluidity" if "fluidity" in fields else "pressure"

@@ -6,10 +6,7 @@ from ..options import ParameterError
 
 
 def matrix_type():
-    """Return the value of ``-dm_mat_type``, aij or nest.
-
-    Raises `pgran.options.ParameterError` for another value.
-    """
+    """Return the value of ``-dm_mat_type``, aij or nest."""
     kind = PETSc.Options().getString("dm_mat_type", PETSc.Mat.Type.AIJ)
     _require("dm_mat_type", kind, kind in (PETSc.Mat.Type.AIJ, PETSc.Mat.Type.NEST), "aij or nest")
     return kind

@@ -21,8 +21,7 @@ HARMONICS = 6
 #: Largest residual of an accepted eigenpair.
 LARGEST_RESIDUAL = 1e-6
 #: Smallest share of an eigenvector in the unknowns with rates. A smaller share indicates an
-#: infinite eigenvalue. The infinite eigenvalues of velocity and pressure are double with one
-#: eigenvector: a rounding error of 1e-16 changes their share from zero to its root, 1e-8.
+#: infinite eigenvalue, whose share is 1e-8 by rounding errors.
 LEAST_STORED = 1e-3
 
 
@@ -30,7 +29,7 @@ def theory(parameters, k):
     """Return the largest analytical growth rates, gdot0, of wave vectors ``k`` (..., 2), A d k.
 
     lambda = (mu_loc/(A^2 phi I0^2)) times the dimensionless rate (3.22), or the rate of dynamic
-    NGF. Raises ValueError if the model has no theory.
+    NGF.
     """
     coefficients = waves.Coefficients.of_run(parameters)
     rate = waves.viscous_rate(coefficients.mu, parameters.A, parameters.phi,
@@ -54,8 +53,8 @@ def targets(parameters, k):
     """Return the default targets of the eigenvalue search, gdot0.
 
     For a cell with the wave vector ``k`` (2,) the target is slightly above the fastest harmonic, or
-    for LI, whose growth is unbounded, above the wave vector itself. If ``k`` is None, the targets
-    are 0, 0.1, 0.3 and 0.9 of the largest growth rate in an infinite medium; about a snapshot 0.
+    for LI, whose growth is unbounded, above the wave vector itself. Otherwise the targets are
+    shares of the largest growth rate in an infinite medium; about a snapshot 0.
     """
     if parameters.restart:
         return [0.0]
@@ -66,18 +65,17 @@ def targets(parameters, k):
             return [0.0]
         return [0.0, 0.1 * top, 0.3 * top, 0.9 * top]
     largest = 1 if parameters.part("model").theory == "li" else HARMONICS
-    m = np.arange(1, largest + 1)
-    rates = theory(parameters, np.array([(a, b) for a in m for b in m]) * k)
+    harmonics = np.indices((largest, largest)).reshape(2, -1).T + 1
+    rates = theory(parameters, harmonics * k)
     if not np.isfinite(rates).all():
         raise ValueError(f"{','.join(f'{part:g}' for part in k)}: its growth rate is not finite")
     return [float(rates.max() + 0.05 * abs(rates.max()))]
 
 
 def operators(parameters, comm):
-    """Return the form, J and M about the rigid-viscous reference flow or a snapshot. Collective.
+    """Return the form, J and M about the reference flow or a snapshot. Collective.
 
-    For prescribed unknowns the rows of J are rows of the identity, and the rows of M are empty. The
-    caller must destroy the matrices.
+    For prescribed unknowns the rows of J are rows of the identity, and the rows of M are empty.
     """
     form = discretise(parameters, comm)
     if parameters.restart:
@@ -96,11 +94,11 @@ def operators(parameters, comm):
 def spectrum(parameters, comm, k=None, sought=None):
     """Return the eigenvalues nearest to the targets, largest real part first. Collective.
 
+    Inertia is added to the flow, and imperfections are removed.
+
     Parameters
     ----------
-    parameters : pgran.options.Parameters
-        The flow; inertia is added and imperfections are removed.
-    comm : PETSc.Comm
+    parameters, comm
     k : ndarray, (2,), optional
         Wave vector A d k; the cell has one wavelength in each direction.
     sought : sequence of float, optional
@@ -109,31 +107,23 @@ def spectrum(parameters, comm, k=None, sought=None):
     Returns
     -------
     form : pgran.space.weakform.WeakForm
-    rows : list of dict
+    rows : tuple of dict
         ``computed`` and ``imaginary`` (parts of the eigenvalue), ``analytic`` and
-        ``relative_error`` (None without theory), ``residual``, ``harmonic`` (m1, m2) of the mode
-        and its ``share`` of the mode's power (None without theory), and ``target``. Rates are in
-        gdot0.
-    modes : list of ndarray, (n_local,)
+        ``relative_error``, ``residual``, ``harmonic`` (m1, m2) and its ``share`` of the mode's
+        power, and ``target``; rates in gdot0, None without theory.
+    modes : tuple of ndarray, (n_local,)
         Complex modes in the same order.
-
-    Raises
-    ------
-    SolutionError
-        If no eigenpair has a residual below `LARGEST_RESIDUAL`.
-    ValueError
-        If the theory has no finite rate for the wave vector.
     """
     part = parameters.part("case")
     parameters = part.homogeneous(parameters.replace(inertia=True))
     if k is not None:
         parameters = part.with_wave(parameters, np.asarray(k) / parameters.A)
     form, J, M = operators(parameters, comm)
-    rows, modes, dropped = [], [], []
+    rows, modes, dropped = [], [], 0
     for target in targets(parameters, k) if sought is None else sought:
         for value, mode, error in eigenpairs(form, J, M, target):
             if not error < LARGEST_RESIDUAL:
-                dropped.append(value)
+                dropped += 1
                 continue
             row = row_of(value, error)
             if any(abs(value - complex(r["computed"], r["imaginary"])) < 1e-6 * abs(value)
@@ -151,27 +141,17 @@ def spectrum(parameters, comm, k=None, sought=None):
     J.destroy()
     M.destroy()
     if not rows:
-        raise SolutionError(f"no eigenvalue converged; the residuals of {len(dropped)} others are "
+        raise SolutionError(f"no eigenvalue converged; the residuals of {dropped} others are "
                             f"not below {LARGEST_RESIDUAL:g}. What may help: another @@target, a "
                             "larger @@eps_max_it, or fewer @@eps_nev")
-    order = sorted(range(len(rows)), key=lambda n: -rows[n]["computed"])
-    return form, [rows[n] for n in order], [modes[n] for n in order]
+    rows, modes = zip(*sorted(zip(rows, modes), key=lambda found: -found[0]["computed"]))
+    return form, rows, modes
 
 
 def row_of(value, error):
     """Return the row of an eigenvalue, gdot0, with its residual and without theory."""
     return {"computed": value.real, "imaginary": value.imag, "analytic": None,
             "relative_error": None, "harmonic": None, "share": None, "residual": error}
-
-
-def unsteadiness(form):
-    """Return the residual norm with inertia of the snapshot of ``-pgran_restart``, stress d.
-
-    A spectrum gives the growth of disturbances only if this norm is small. Collective.
-    """
-    start = state.snapshot_start(form)
-    rows = form.residual(start.local, np.zeros_like(start.local), state.frozen(form, start))
-    return float(np.sqrt(form.grid.comm.tompi4py().allreduce(rows @ rows)))
 
 
 def use_mumps(ksp):
@@ -182,14 +162,9 @@ def use_mumps(ksp):
 
 
 def eigenpairs(form, J, M, target):
-    """Return the eigenpairs nearest to ``target``, gdot0. Collective.
+    """Return the eigenpairs nearest to ``target``, gdot0: (lambda, mode, residual). Collective.
 
-    The ``-eps_`` and ``-st_`` options of SLEPc set their number, tolerance and solver.
-
-    Returns
-    -------
-    list of (complex, ndarray, float)
-        lambda in gdot0, its complex mode (n_local,) and its `residual`.
+    Options of SLEPc with the prefixes ``-eps_`` and ``-st_`` apply.
     """
     from slepc4py import SLEPc
 
@@ -219,28 +194,23 @@ def residual(J, M, value, real, imaginary):
     It is inf for an infinite eigenvalue, for which M x, divided by the diagonal of M, is a rounding
     error of x.
     """
-    Jx, Mx = J.createVecs()
-    diagonal = M.getDiagonal()
+    product, diagonal = real.duplicate(), M.getDiagonal()
+
+    def times(matrix):
+        parts = []
+        for part in (real, imaginary):
+            matrix.mult(part, product)
+            parts.append(product.array.copy())
+        return parts[0] + 1j * parts[1]
+
     diagonal.reciprocal()  # zeros remain zero
-    change = size = rates = 0.0
-    # lambda M x = (a + ib)(Mr + iMi), part by part
-    for part, other, sign in ((real, imaginary, -1.0), (imaginary, real, 1.0)):
-        M.mult(part, Mx)
-        Jx.pointwiseMult(diagonal, Mx)
-        rates += Jx.norm()**2
-        Mx.scale(value.real)
-        if value.imag:
-            M.mult(other, Jx)
-            Mx.axpy(sign * value.imag, Jx)
-        J.mult(part, Jx)
-        size += Mx.norm()**2
-        Jx.axpy(1.0, Mx)
-        change += Jx.norm()**2
-    for vector in (Jx, Mx, diagonal):
-        vector.destroy()
-    if np.sqrt(rates) < LEAST_STORED * np.hypot(real.norm(), imaginary.norm()):
-        return np.inf
-    return float(np.sqrt(change / size))
+    Jx, Mx, x = times(J), times(M), real.array + 1j * imaginary.array
+    parts = Jx + value * Mx, value * Mx, diagonal.array * Mx, x
+    sums = J.comm.tompi4py().allreduce(np.array([np.vdot(part, part).real for part in parts]))
+    product.destroy()
+    diagonal.destroy()
+    change, size, rates, whole = np.sqrt(sums)
+    return np.inf if rates < LEAST_STORED * whole else float(change / size)
 
 
 def name_of(form, mode):
@@ -261,16 +231,15 @@ def name_of(form, mode):
     power = power + power[::-1, ::-1]
     a, b = np.unravel_index(np.argmax(np.round(power / power.max(), 9)), power.shape)
     found = int(a) - grid.shape[0], int(b) - grid.shape[1]
-    share = 2.0 * power[a, b] / power.sum() if found != (0, 0) else power[a, b] / power.sum()
-    return (found if found > (0, 0) else (-found[0], -found[1])), float(share)
+    count = 2.0 if any(found) else 1.0
+    return max(found, (-found[0], -found[1])), float(count * power[a, b] / power.sum())
 
 
 def write_mode(path, form, rate, mode):
     """Write a mode (n_local,) with growth rate ``rate``, gdot0, to a file. Collective.
 
-    Its largest velocity becomes 1. The file also contains the flow of the snapshot about which the
-    mode was computed, so that a run can start from both. Returns the `pgran.output.writer.Writer`
-    and the name of a field for a picture.
+    The file also contains the flow of the snapshot about which the mode was computed. Returns the
+    `pgran.output.writer.Writer` and the name of a field for a picture.
     """
     grid, case, comm = form.grid, form.case, form.grid.comm.tompi4py()
     # The largest velocity becomes 1, also in phase.
@@ -282,8 +251,8 @@ def write_mode(path, form, rate, mode):
             field[owned].sum(), MPI.SUM) / comm.allreduce(owned.size, MPI.SUM)
             for field, owned in ((pressure, grid.corners.owned), (fluidity, grid.nodes.owned)))
     fields = {"coordinates": case.coordinates(grid.nodes.i, grid.nodes.j), "velocity": velocity,
-              "pressure": form.grid.corner_field(pressure), "speed": np.hypot(*velocity)}
-    if fluidity is not None:
+              "pressure": grid.corner_field(pressure), "speed": np.hypot(*velocity)}
+    if grid.has_fluidity:
         fields["fluidity"] = fluidity
     if case.parameters.restart:
         base = state.snapshot_start(form).nodal(form)
@@ -298,7 +267,6 @@ def draw_mode(writer, name, title):
             from ..output import pictures
         except ImportError as problem:
             return f"no picture, as there is {str(problem).lower()} (pip install 'pgran[plot]')"
-
         return pictures.field(writer.path, "0000", name, title)
 
     return writer.disk.do(picture)

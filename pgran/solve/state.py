@@ -5,10 +5,10 @@ with the material, and solves for the unknowns at its end with the stress rate o
 acceptance the mesh moves by the trapezoidal rule, and the new stress is stored. If the flow grows
 as exp(r t), this rule adds an error of (r dt)^3/12 per step; a prediction of second order would
 subtract 5/12 (r dt)^4, which is larger for r dt > 1/5. On a fixed mesh the flow rotates and
-advects the stress instead. In pseudo-time the stress is neither rotated nor advected, so that the
-steady state is rigid-viscous flow.
+advects the stress instead. In pseudo-time it does neither.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,38 +32,23 @@ NUMBERS = ("time", "period", "ts_time", "wanted", "steps", "history", "snapshots
            "dissipation")
 
 
+@dataclass
 class State:
-    """An accepted state on one rank, from which a step starts.
+    """An accepted state on one rank, from which a step starts; the end of the previous step."""
 
-    Attributes
-    ----------
-    time : float
-        1/gdot0.
-    x : ndarray, (2, n_nodes)
-        Mesh, d.
-    local : ndarray, (n_local,)
-        Unknowns.
-    stress : ndarray, (3, points, n)
-        Deviator, stress.
-    dt : float or None
-        Size of the last step; None at the start.
-    previous_stress : ndarray, (3, points, n), or None
-        Stress at the start of the last step, rotated and advected with the material.
-    rate : ndarray, (n_local,)
-        Difference quotient of the unknowns over the last step; zero at the start.
-    velocity_curvature : ndarray, (2, n_nodes), or None
-        Second divided difference of the velocity over the last two steps; None before the second
-        step.
-    growth_signal : float or None
-        The `ErrorEstimate.growth_signal` of the last step; None at the start.
-    """
+    time: float  #: 1/gdot0
+    x: np.ndarray  #: mesh (2, n_nodes), d
+    local: np.ndarray  #: unknowns (n_local,)
+    stress: np.ndarray  #: deviator (3, points, n)
+    dt: float = None  #: size of the last step
+    previous_stress: np.ndarray = None  #: at the start of that step, transported to its end
+    rate: np.ndarray = None  #: difference quotient of the unknowns over that step, or zero
+    velocity_curvature: np.ndarray = None  #: second divided difference (2, n_nodes)
+    growth_signal: float = None  #: `ErrorEstimate.growth_signal` of that step
 
-    def __init__(self, time, x, local, stress, dt=None, previous_stress=None, rate=None,
-                 velocity_curvature=None, growth_signal=None):
-        self.time, self.x, self.local, self.stress, self.dt = time, x, local, stress, dt
-        self.previous_stress, self.velocity_curvature = previous_stress, velocity_curvature
-        self.growth_signal = growth_signal
-        self.rate = np.zeros_like(local) if rate is None else rate
+    def __post_init__(self):
+        if self.rate is None:
+            self.rate = np.zeros_like(self.local)
 
     def extrapolated(self, dt):
         """Return unknowns and stress after ``dt``, extrapolated from the last two states."""
@@ -73,17 +58,14 @@ class State:
                 self.stress + dt / self.dt * (self.stress - self.previous_stress))
 
     def mean_velocity(self, form, dt):
-        """Return the expected mean velocity (2, n_nodes) in a step ``dt``, d gdot0.
-
-        It is the mean of the parabola through the last three states.
-        """
+        """Return the mean (2, n_nodes) over ``dt`` of the parabola through the last velocities."""
         mean = velocity(form, self.local + 0.5 * dt * self.rate, self.x)
         if self.velocity_curvature is None:
             return mean
         return mean + dt * (dt / 3.0 + self.dt / 2.0) * self.velocity_curvature
 
     def past_stress(self, dt, stresses):
-        """Return f and S of `stress_rate` for a step ``dt`` from `TimeStep.transport`."""
+        """Return f and S of `stress_rate` for the result of `TimeStep.transport`."""
         stress, *previous = stresses
         return stress_rate(dt, stress, self.dt, *previous)
 
@@ -127,13 +109,10 @@ class State:
                 x += np.outer(period, index // n)  # beyond the ends of a periodic grid
         local, rate = (grid.join(nodes[f"velocity{kind}"], nodes.get(f"fluidity{kind}"),
                                  corners[f"pressure{kind}"]) for kind in ("", "_rate"))
-        stress, previous_stress = (
-            None if part is None else np.ascontiguousarray(part)
-            for part in (arrays["elements"]["stress"], arrays["elements"].get("earlier_stress")))
-        dt, growth_signal = (None if values.get(name) is None else float(values[name])
-                             for name in ("dt", "pace"))
-        return cls(float(values["time"]), x, local, stress, dt, previous_stress, rate,
-                   nodes.get("velocity_bend"), growth_signal)
+        stresses = {name: np.ascontiguousarray(part) for name, part in arrays["elements"].items()}
+        return cls(values["time"], x, local, stresses["stress"], values.get("dt"),
+                   stresses.get("earlier_stress"), rate, nodes.get("velocity_bend"),
+                   values.get("pace"))
 
 
 def velocity(form, local, x):
@@ -147,21 +126,15 @@ def _initial_mesh(form):
     return form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
 
 
-def _corner_nodes(grid):
-    return grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)
+def _joined(grid, velocity, fluidity, pressure):
+    """Return the unknowns of nodal fields (..., n_nodes)."""
+    corners = grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)
+    return grid.join(velocity, fluidity, pressure[corners])
 
 
-def _unknowns(form, fields):
-    """Return the unknowns of ``fields(points)``: velocity, fluidity and pressure."""
-    x = _initial_mesh(form)
-    velocity, fluidity, _ = fields(x)
-    return form.grid.join(velocity, fluidity, fields(x[:, _corner_nodes(form.grid)])[2])
-
-
-def _joined(form, fields):
-    """Return the unknowns of nodal fields {name: (..., n_nodes)}."""
-    return form.grid.join(fields["velocity"], fields.get("fluidity"),
-                          fields["pressure"][_corner_nodes(form.grid)])
+def _stored(grid, fields):
+    """Return the unknowns of the nodal fields of a file, {name: (..., n_nodes)}."""
+    return _joined(grid, *map(fields.get, ("velocity", "fluidity", "pressure")))
 
 
 def _at_points(form, nodal):
@@ -171,24 +144,19 @@ def _at_points(form, nodal):
 
 def rest(form):
     """Return the `State` at rest before loading: no stress deviator, and the model's fluidity."""
-    case = form.case
-
-    def start(points):
-        velocity, fluidity, pressure = case.start(points)
-        share = case.material.model.start_fluidity
-        return velocity, fluidity + share * case.reference(points)[1], pressure
-
-    return State(0.0, _initial_mesh(form), _unknowns(form, start), form.no_stress())
+    case, x = form.case, _initial_mesh(form)
+    velocity, fluidity, pressure = case.start(x)
+    fluidity = fluidity + case.material.model.start_fluidity * case.reference(x)[1]
+    return State(0.0, x, _joined(form.grid, velocity, fluidity, pressure), form.no_stress())
 
 
-def reference(form):
-    """Return the `State` of the rigid-viscous reference flow of the case. Collective."""
-    return _rigid_viscous(form, _unknowns(form, form.case.reference))
+def reference(form, change=0.0):
+    """Return the `State` of the rigid-viscous reference flow of the case. Collective.
 
-
-def _rigid_viscous(form, local):
-    """Return the `State` on the initial mesh with the stress that follows from the unknowns."""
+    ``change`` is added to its unknowns.
+    """
     x = _initial_mesh(form)
+    local = _joined(form.grid, *form.case.reference(x)) + change
     increment = form.increment(x, form.no_stress(), 0.0, 0.0)
     increment.prescribed = np.full(form.grid.n_local, np.nan)  # no boundary values
     return State(0.0, x, local, form.stress(local, increment))
@@ -197,23 +165,19 @@ def _rigid_viscous(form, local):
 def seeded(form):
     """Return the `State` of the sum of a flow and the mode of ``-pgran_mode_file``. Collective.
 
-    The flow is the reference flow, or the snapshot about which the mode was computed with its
-    stress. Raises `pgran.options.ParameterError` if the mode does not fit.
+    The flow is the reference flow, or the snapshot about which the mode was computed. Raises
+    `pgran.options.ParameterError` if the mode does not fit.
     """
     mode, base = read_mode(form.case.parameters, form)
-    change = form.case.parameters.mode_amplitude * _joined(form, mode)
+    change = form.case.parameters.mode_amplitude * _stored(form.grid, mode)
     if base:
-        return State(0.0, _initial_mesh(form), _joined(form, base) + change,
+        return State(0.0, _initial_mesh(form), _stored(form.grid, base) + change,
                      _at_points(form, base["deviator"]))
-    return _rigid_viscous(form, _unknowns(form, form.case.reference) + change)
+    return reference(form, change)
 
 
 def steady_start(form):
-    """Return the initial `State` of a steady run. Collective.
-
-    It is the snapshot of ``-pgran_restart``, or the reference flow on the initial mesh. Raises
-    `pgran.options.ParameterError` if the snapshot does not fit.
-    """
+    """Return the snapshot of ``-pgran_restart`` or else the reference flow. Collective."""
     if form.case.parameters.restart:
         return snapshot_start(form)
     # Stress that follows from a strain rate is not in equilibrium: LI starts without stress.
@@ -231,34 +195,31 @@ def snapshot_start(form):
                              f"{parameters.case}, whose periodic grid moves")
     attributes, fields = read_snapshot(parameters, form)
     x = fields["coordinates"] if form.case.moving else _initial_mesh(form)
-    return State(float(attributes["time"]), x, _joined(form, fields),
+    return State(float(attributes["time"]), x, _stored(form.grid, fields),
                  _at_points(form, fields["deviator"]))
 
 
 def frozen(form, state):
     """Return the `Increment` of a steady state. Collective.
 
-    The stress of the state is kept as elastic stress that relaxes within ``steady_time``. Material
-    at rest can bear it, and creep contributes to the residual.
+    Its elastic stress relaxes within ``steady_time``: material at rest can bear it, and creep
+    contributes to the residual.
     """
     return TimeStep(form, state, form.case.parameters.steady_time, frozen=True).increment
 
 
+def steady_residual(form, state):
+    """Return the norm of the residual of a state without rates, stress d. Collective."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rows = form.residual(state.local, np.zeros_like(state.local), frozen(form, state))
+    return float(np.sqrt(form.grid.comm.tompi4py().allreduce(rows @ rows)))
+
+
 def checkpoint_start(form):
-    """Return the `State` of the newest valid checkpoint of ``-pgran_restart``. Collective.
+    """Return the newest valid checkpoint of ``-pgran_restart``. Collective.
 
-    Returns
-    -------
-    state : State
-    values : dict
-        The numbers of the checkpoint.
-    damaged : list of str
-        Newer checkpoints that could not be read.
-
-    Raises
-    ------
-    ParameterError
-        If there is no valid checkpoint.
+    Returns its `State`, its numbers {name: value}, and the newer checkpoints that could not be
+    read, a list of str. Raises `pgran.options.ParameterError` if no checkpoint is valid.
     """
     path = form.case.parameters.restart
     disk = Disk(form.grid.comm.tompi4py(), "restart", path)
@@ -287,32 +248,24 @@ def checkpoint_start(form):
 class ErrorEstimate(NamedTuple):
     """Error estimate of a step and deviation of its solution from the reference flow v0.
 
-    Attributes
-    ----------
-    error : float
-        Difference from the extrapolation (v*, sigma'*) of the last two states: the larger of
-        max|v - v*|/max|v - v0| and max|sigma' - sigma'*|/(mu_s P0).
-    deviation : float
-        Relative deviation from the reference flow: max|v - v0|/max|v|.
-    growth_signal : float
-        Largest change of v - v0 in the step, divided by dt; 0 if the change is `NOISE`.
-    exponent : float
-        Growth of ln(growth_signal) in a step of this size, from this step and the last one:
-        ln(s/s') 2 dt/(dt + dt'). Zero if it decreases, or in the first two steps. A constant
-        response to an imperfection can hide a growing mode in ``error``, but not in ``exponent``.
+    A constant response to an imperfection can hide a growing mode in ``error``, but not in
+    ``exponent``.
     """
 
+    #: Difference from the extrapolation (v*, sigma'*) of the last two states: the larger of
+    #: max|v - v*|/max|v - v0| and max|sigma' - sigma'*|/(mu_s P0).
     error: float
+    #: max|v - v0|/max|v|.
     deviation: float
+    #: Largest change of v - v0 in the step, divided by dt; 0 if the change is `NOISE`.
     growth_signal: float
+    #: Growth of ln(growth_signal) in a step of this size: ln(s/s') 2 dt/(dt + dt'), or 0.
     exponent: float
 
     @property
     def next_error(self):
-        """Expected error of the next step if it has the same size.
-
-        The line through the last two values of exp(r t) has a relative error of (r dt)^2.
-        """
+        """Expected error of the next step if it has the same size."""
+        # The line through the last two values of exp(r t) has a relative error of (r dt)^2.
         return max(self.error, self.exponent**2) if self.deviation < FORMED else self.error
 
 
@@ -331,16 +284,13 @@ class TimeStep:
     Attributes
     ----------
     increment : pgran.space.weakform.Increment
-        Quantities that are constant while the step is solved.
     courant_number : float
-        Largest number of elements that the material crosses in the step; 0 if the mesh moves with
-        the material or is frozen.
+        Largest number of elements of a fixed mesh that the material crosses in the step.
     """
 
     def __init__(self, form, state, dt, frozen=False):
         self.form, self.state, self.dt, self.frozen = form, state, dt, frozen or dt == 0.0
-        x, stress, end, factor = state.x, state.stress, state.time, 1.0
-        self.courant_number = 0.0
+        x, stress, end, factor, self.courant_number = state.x, state.stress, state.time, 1.0, 0.0
         if not self.frozen:
             middle = state.mean_velocity(form, dt)
             if form.case.moving:
@@ -358,11 +308,10 @@ class TimeStep:
         self.increment = form.increment(x, stress, theta, end, rate_from=state.time)
 
     def transport(self, state):
-        """Return the last one or two stress deviators, transported to the end of the step.
+        """Return the last one or two deviators (3, points, n), transported to the step's end.
 
-        Each is (3, points, n), the latest one first. They rotate with the material. On a fixed mesh
-        they are also advected, between two halves of the rotation, which is second order in time.
-        Collective.
+        They rotate with the material. On a fixed mesh they are also advected, between two halves of
+        the rotation, which is second order in time.
         """
         stresses = [state.stress] if state.dt is None else [state.stress, state.previous_stress]
         if self.form.case.moving:
@@ -392,11 +341,7 @@ class TimeStep:
                      self._previous_stress, rate, curvature, growth_signal)
 
     def error_estimate(self, local, stress, min_deviation):
-        """Return the `ErrorEstimate` of the solution. Collective.
-
-        The error of the velocity is relative to the perturbation v - v0, or to ``min_deviation``
-        times max|v| if this is larger.
-        """
+        """Return the `ErrorEstimate` of the solution, relative to at least ``min_deviation``."""
         form, owned, state = self.form, self.form.grid.nodes.owned, self.state
         x, comm = self.increment.x, form.grid.comm.tompi4py()
         expected, expected_stress = state.extrapolated(self.dt)

@@ -1,9 +1,8 @@
 """Nonlinear and linear tolerances of a time step.
 
-The residual left by Newton's method acts like an imperfection. Before a band has formed, it must
-be small compared with the perturbation from which the band grows, so the tolerance of the residual
-is proportional to this perturbation. The tolerance of each linear system follows the convergence
-of Newton's method.
+The residual left by Newton's method acts like an imperfection: its tolerance is proportional to the
+perturbation from which a band grows. The tolerance of each linear system follows the convergence of
+Newton's method.
 """
 
 #: Ratio of the smallest linear tolerance to the reduction that the residual still needs.
@@ -15,14 +14,8 @@ ORDER = 1.5
 class Tolerances:
     """Sets the tolerances of SNES and of its KSP; the values of the options are upper bounds.
 
-    Parameters
-    ----------
-    snes : PETSc.SNES
-    full_deviation : float
-        Relative deviation from the reference flow above which ``-snes_atol`` applies. Below it the
-        tolerance is smaller in proportion. Zero leaves both tolerances unchanged.
-    min_factor : float
-        Smallest ratio of the tolerance to ``-snes_atol``.
+    ``full_deviation`` is the relative deviation from the reference flow from which ``-snes_atol``
+    applies, zero for constant tolerances; ``min_factor`` is their smallest ratio to this option.
     """
 
     def __init__(self, snes, full_deviation, min_factor):
