@@ -108,26 +108,20 @@ class Law(ABC):
         return np.where(done, mu, np.nan)
 
 
-def ill_posedness(mu, nu, centre=0.0, reach=0.5**0.5):
+def ill_posedness(law, I, centre=0.0, reach=0.5**0.5):
     """Return q^2 + 8 r^2 reach^2 - 4 r (1 - sqrt(2) q centre), r = 1 - nu, q = mu (1 - nu/2).
 
     It is positive where some long wave grows. For LI waves of all lengths then grow, and the law
-    is ill-posed. In plane flow it is C(I) = 4 nu^2 - 4 nu + mu^2 (1 - nu/2)^2.
-
-    Parameters
-    ----------
-    mu, nu : ndarray
-        mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6), arrays of one shape.
-    centre, reach : float
-        Mean and half distance of the extreme principal values of N; the defaults are for plane
-        flow.
+    is ill-posed. ``centre`` and ``reach`` are mean and half distance of the extreme principal
+    values of N. In plane flow, the default, it is C(I) = 4 nu^2 - 4 nu + mu^2 (1 - nu/2)^2.
     """
+    mu, nu = sensitivity(law, I)
     r, q = 1.0 - nu, mu * (1.0 - nu / 2.0)
     return q**2 + 8.0 * r**2 * reach**2 - 4.0 * r * (1.0 - np.sqrt(2.0) * q * centre)
 
 
 def sensitivity(law, I):
-    """Return mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6), arrays with the shape of I."""
+    """Return mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6)."""
     mu, slope = law.stress_ratio(I)
     return mu, I * slope / mu
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...options import BOTH, ParameterError, positive
-from . import I_0, MU_2, MU_S, B, Law, ill_posedness, resolve_jop, sensitivity, sign_changes
+from . import I_0, MU_2, MU_S, B, Law, ill_posedness, resolve_jop, sign_changes
 from .jop import Jop
 
 
@@ -64,7 +64,7 @@ class BarkerGray(Law):
     def _lower_root(self, mu_s):
         """The inertial number at which the Jop law becomes well-posed."""
         jop = Jop(mu_s, self.mu_2, (self.mu_2 - mu_s) / self.I_0)
-        roots = sign_changes(lambda I: ill_posedness(*sensitivity(jop, I)), 1e-9, 1e3)
+        roots = sign_changes(lambda I: ill_posedness(jop, I), 1e-9, 1e3)
         if not roots.size:
             raise ParameterError("law", "barker_gray", "the Jop law with these parameters does not "
                                  "change between ill-posed and well-posed at any inertial number")
