@@ -52,16 +52,13 @@ class FixedMesh(Case):
 
     @property
     def shape(self):
-        """Number of elements along x1 and x2."""
         return self.elements_along("width"), self.elements_along("height")
 
     @property
     def weight(self):
-        """Weight per volume (2,), stress/d."""
         return 0.0, -getattr(self.parameters, "gravity", 0.0)
 
     def start(self, x):
-        """Return velocity (2, n), fluidity (n,) and pressure (n,) at the start of a run."""
         velocity, fluidity, pressure = super().start(x)
         return velocity * (self.parameters.start == "flow"), fluidity, pressure
 
@@ -99,7 +96,6 @@ class FixedMesh(Case):
 
     @property
     def walls_of_local_fluidity(self):
-        """Sides where g = g_loc."""
         return self.walls if self.parameters.wall_fluidity == "local" else ()
 
     def on(self, side, i, j):
@@ -108,7 +104,6 @@ class FixedMesh(Case):
         return {"left": i == 0, "right": i == 2 * nx, "bottom": j == 0, "top": j == 2 * ny}[side]
 
     def prescribed_fluidity(self, time, i, j):
-        """Return zero at walls with ``wall_fluidity`` zero; NaN where free, (n,)."""
         values = super().prescribed_fluidity(time, i, j)
         if self.parameters.wall_fluidity == "zero":
             for side in self.walls:
@@ -152,17 +147,14 @@ class Layer(FixedMesh):
     periodic = True, False
 
     def along(self, x):
-        """Return the height (...) of points (2, ...), and the directions of x1 and x2."""
         one, zero = np.ones_like(x[0]), np.zeros_like(x[0])
         return x[1], np.array([one, zero]), np.array([zero, one])
 
     def coordinates(self, i, j):
-        """Return the coordinates (2, n) of nodes, d."""
         return np.array([i * self.parameters.element_size / 2.0,
                          self.graded(j, self.shape[1], self.parameters.height)])
 
     def prescribed_velocity(self, time, i, j):
-        """Return zero at the base; NaN where free, (2, n)."""
         values = super().prescribed_velocity(time, i, j)
         values[:, self.on("bottom", i, j)] = 0.0
         return values
