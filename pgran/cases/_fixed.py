@@ -38,10 +38,7 @@ def options(wall_fluidity="natural", element_size=0.5):
 class FixedMesh(Case):
     """A steady or transient flow of width and height on a fixed mesh.
 
-    Attributes
-    ----------
-    walls : tuple of str
-        Sides where ``wall_fluidity`` holds.
+    ``walls`` are the sides where the option ``wall_fluidity`` holds.
     """
 
     moving = False
@@ -63,10 +60,7 @@ class FixedMesh(Case):
         return velocity * (self.parameters.start == "flow"), fluidity, pressure
 
     def profile(self):
-        """Return the `pgran.theory.profiles.Profile` of the steady flow.
-
-        Raises ValueError if there is no steady flow, NotImplementedError without such a theory.
-        """
+        """Return the `pgran.theory.profiles.Profile` of the steady flow."""
         raise NotImplementedError(f"{type(self).__name__} has no profile")
 
     @property
@@ -76,7 +70,7 @@ class FixedMesh(Case):
         return self.law, self.material.model.theory, p.A, p.inertial_number
 
     def along(self, x):
-        """Return the profile coordinate (...) of points (2, ...), and two unit vectors (2, ...).
+        """Return the profile coordinate (...) of points (2, ...) and unit vectors (2, ...).
 
         The first vector points along the flow, the second one along the profile.
         """
@@ -85,8 +79,7 @@ class FixedMesh(Case):
     def steady(self, profile, x):
         """Return velocity (2, ...), fluidity, pressure and deviator (3, ...) of a profile.
 
-        ``x`` (2, ...) are points, d. The deviator is a shear stress of size mu P between the two
-        directions of `along`.
+        The deviator is a shear stress of size mu P between the two directions of `along`.
         """
         position, (e1, e2), (n1, n2) = self.along(x)
         P = profile.pressure(position)
@@ -131,7 +124,7 @@ class FixedMesh(Case):
         """Raise `ParameterError` if the law has no steady flow under a load.
 
         ``largest`` is the stress ratio due to the load ``value``, and ``allowed(limit)`` the load
-        at the limit of the law. With inertia the flow would accelerate without limit.
+        at the limit of the law.
         """
         limit = self.law.limit
         if largest >= limit * (1.0 - ROUNDING):
