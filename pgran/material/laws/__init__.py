@@ -1,7 +1,7 @@
 """Local laws mu_loc(I). A new law is one new file.
 
-A law is a class that derives from `Law`. Its functions take numpy arrays and return arrays of the
-same shape, together with their derivatives.
+A law derives from `Law`. Its functions take numpy arrays and return arrays of the same shape,
+together with their derivatives.
 """
 
 import dataclasses
@@ -42,10 +42,7 @@ class Law(ABC):
 
     @classmethod
     def resolve(cls, parameters, names):
-        """Complete and check ``parameters``; ``names`` are the options that the user has set.
-
-        Raises `pgran.options.ParameterError`. The default does nothing.
-        """
+        """Complete and check ``parameters``; ``names`` are the options that the user has set."""
 
     @classmethod
     def of(cls, parameters):
@@ -76,18 +73,8 @@ class Law(ABC):
     def elastic_stress_ratio(self, gdot, s, compliance):
         """Solve s I_loc(mu) + compliance mu = gdot for mu > `yield_ratio`.
 
-        The default is Newton's method within a bracket, to rounding. A law may override it with a
-        closed form.
-
-        Parameters
-        ----------
-        gdot, s, compliance : ndarray
-            Shear rate, inverse inertial time of the grains, and theta P; arrays of one shape.
-
-        Returns
-        -------
-        ndarray
-            mu, NaN where there is no solution.
+        ``compliance`` is theta P. The result is NaN where there is no solution. The default is
+        Newton's method within a bracket, to rounding. A law may override it with a closed form.
         """
         gdot, s, compliance = np.broadcast_arrays(gdot, s, compliance)
         with np.errstate(all="ignore"):
@@ -140,7 +127,7 @@ def sign_changes(function, low, high, count=2001):
 
 
 def resolve_jop(cls, parameters, names):
-    """Remove b if I_0 is set, and check mu_2: `Law.resolve` of laws with the options of Jop."""
+    """`Law.resolve` of laws with the options of Jop: I_0 replaces b."""
     if not parameters.mu_2 > parameters.mu_s:
         raise ParameterError("mu_2", parameters.mu_2,
                              f"must exceed @mu_s {parameters.mu_s} with @law {parameters.law}")

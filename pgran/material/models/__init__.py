@@ -1,6 +1,6 @@
 """Rheological models. A new model is one new file.
 
-A model is a class that derives from `Model`. Its functions take and return numpy arrays.
+A model derives from `Model`. Its functions take and return numpy arrays.
 
 Symbols: ``mu`` stress ratio, ``I`` inertial number, ``gdot`` equivalent shear rate, ``g``
 fluidity, ``P`` pressure, ``xi`` cooperativity length, ``s = sqrt(P/(d^2 rho_s))`` the inverse of
@@ -21,10 +21,9 @@ AMPLITUDE = positive("A", 0.48, "", "non-local amplitude; A d is also the unit o
 
 @dataclass
 class WithDerivatives:
-    """A value at points and its derivatives, arrays of one shape.
+    """A value at points and its derivatives by gdot~ (``rate``), P and g, arrays of one shape.
 
-    ``rate``, ``pressure`` and ``fluidity`` are the derivatives with respect to the effective
-    shear rate gdot~, P and g. A derivative that vanishes everywhere may be 0.0.
+    A derivative that vanishes everywhere may be 0.0.
     """
 
     value: np.ndarray
@@ -114,23 +113,22 @@ class Model(ABC):
     def fluidity_excess(self, law, s, mu, P, g):
         """Return g - g_loc as `WithDerivatives`, where ``rate`` is the derivative by mu.
 
-        It is needed for walls of local fluidity; the default raises NotImplementedError.
+        It is needed for walls of local fluidity only.
         """
         raise NotImplementedError(f"{type(self).__name__} does not support walls of local fluidity")
 
     def curvature(self, law, s, mu, P, g):
         """Return the second derivative of F with respect to mu, (points, n) or a number, gdot0.
 
-        P and g are constant; the arguments are those of `fluidity_excess`. Newton's method uses it
-        near a double root of F, see `pgran.space.points.secant`. The default is 0: no double root.
+        Newton's method uses it near a double root of F, see `pgran.space.points.secant`.
         """
         return 0.0
 
     def spurious_root(self, law, mu, I):
         """Return mu_loc(I) - mu_s where F vanishes because mu = mu_s, and zero elsewhere.
 
-        ``mu`` and ``I`` are (points, n). Uniform flow must satisfy mu = mu_loc(I). The solver
-        repeats a step that converged to another root of F. The default is 0: no other root.
+        Uniform flow must satisfy mu = mu_loc(I). The solver repeats a step that converged to
+        another root of F.
         """
         return np.zeros_like(mu)
 
@@ -141,7 +139,7 @@ class Model(ABC):
         Parameters
         ----------
         law : pgran.material.laws.Law
-            The local law; its parameters may be arrays (n,), one entry per element.
+            Its parameters may be arrays (n,), one entry per element.
         s : ndarray, (points, n)
             `pgran.material.Material.inverse_time` at ``P``, gdot0.
         gdot : ndarray, (points, n)
