@@ -71,13 +71,11 @@ def product_with_difference(form, local, rate, increment):
     scale = COMM.allreduce(np.abs(difference).max(), MPI.MAX)
     assert scale > 1.0
     np.testing.assert_allclose(product.array_r, difference, atol=1e-6 * scale)
-    return product.array_r.copy()
 
 
 @pytest.mark.parametrize("case, wall, model", [
     ("planar_shear", "natural", "ngf"), ("vertical_chute", "zero", "ngf"),
-    ("annular_shear", "local", "ngf"), ("annular_shear", "zero", "ngf"),
-    ("inclined_plane", "local", "ngf"), ("inclined_plane", "zero", "ngf_primitive")])
+    ("annular_shear", "local", "ngf"), ("inclined_plane", "zero", "ngf_primitive")])
 def test_jacobian_with_walls_and_convection_is_the_derivative_of_the_residual(
         monkeypatch, case, wall, model):
     monkeypatch.setattr("pgran.space.weakform.BATCH", 10)  # several batches
@@ -96,28 +94,22 @@ class Streaming(cases.Case):
         return np.array([0.5 * i + 0.02 * j, 0.4 * j + 0.03 * i])
 
 
-class WithoutBase(Streaming):
-    """The same piece without base flow."""
-
-    base_gradient = np.zeros((2, 2))
-
-
 def test_convection_and_mean_velocity_include_the_base_flow():
     given = parameters(inertia=True, inertial_number=0.3, width=3, height=2, element_size=1)
     grid = Grid(PETSc.COMM_WORLD, Streaming.shape)
-    streaming, plain = (WeakForm(grid, case(given)) for case in (Streaming, WithoutBase))
+    streaming, plain = (WeakForm(grid, Streaming(given)) for _ in range(2))
+    plain.case.base_gradient = np.zeros((2, 2))
     x = streaming.case.coordinates(grid.nodes.i, grid.nodes.j)
     local = 1.0 + 0.1 * noise(grid, 2)
     total = local.copy()
     nodal = grid.split(total)[0]
     nodal += Streaming.base_gradient @ x
-    rate, found, products = noise(grid, 4), [], []
+    rate, found = noise(grid, 4), []
     for form, unknowns in ((streaming, local), (plain, total)):
         increment = form.increment(x, form.no_stress() + 0.02, 0.1, 0.0)
         found.append(form.residual(unknowns, rate, increment))
-        products.append(product_with_difference(form, unknowns, rate, increment))
-    for one, other in (found, products):
-        np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())
+        product_with_difference(form, unknowns, rate, increment)
+    np.testing.assert_allclose(*found, atol=1e-12 * np.abs(found[1]).max())
     flow = AcceptedStep(streaming, 0.0, np.zeros(grid.n_local), None, x)
     corners = streaming.case.coordinates(*np.array([[0, 6, 0, 6], [0, 0, 4, 4]]))
     for side, points in (((), corners), (("top",), corners[:, 2:])):
@@ -148,17 +140,6 @@ def test_the_rule_at_a_free_surface_is_exact_for_powers_of_the_root_of_the_dista
         for power in powers:
             assert rule.weights @ (depth**power * along**4) == pytest.approx(
                 2.0**(power + 1.0) / (power + 1.0) * 0.4, rel=1e-12)
-
-
-def test_only_elements_close_to_a_free_surface_have_a_special_rule():
-    given = COARSE["inclined_plane"]
-    form = discretised(case="inclined_plane", **given)
-    found = [layer for surfaces in form._surfaces for _, here, _ in surfaces for layer in here]
-    close = form.grid.layer("top") < 4
-    assert len(found) == close.sum() and close.any() and not close.all()
-    assert not any(discretised(case=case, **COARSE[case])._surfaces[0]
-                   for case in COARSE if case != "inclined_plane")
-    assert not any(discretised(case="inclined_plane", model="li", **given)._surfaces)
 
 
 def test_the_inertial_number_has_a_value_where_the_pressure_vanishes():
@@ -194,31 +175,6 @@ def test_li_on_a_slope_has_the_profile_of_bagnold():
     y = np.linspace(0.0, 12.0, 50)
     v = 2.0 / 3.0 * I * np.sqrt(np.cos(np.radians(24.0))) * (12.0**1.5 - (12.0 - y)**1.5)
     np.testing.assert_allclose(case.profile().velocity(y), v, atol=1e-12 * v.max())
-
-
-def test_li_in_a_chute_has_a_plug():
-    """Bingham: v' = (gravity z - mu_s)/(b I0) beyond the plug, z from the middle."""
-    case = created(case="vertical_chute", model="li", width=12, gravity=0.1)
-    law, z = case.law, np.abs(np.linspace(0.0, 12.0, 61) - 6.0)
-    plug = law.yield_ratio / 0.1
-    b = law.stress_ratio(np.array(0.0))[1]
-    part = 0.05 * (np.maximum(z, plug)**2 - plug**2) - law.yield_ratio * (
-        np.maximum(z, plug) - plug)
-    v = (part.max() - part) / b
-    np.testing.assert_allclose(case.profile().velocity(6.0 + z), v, atol=1e-12 * v.max())
-
-
-def test_li_under_a_plate_with_gravity_flows_at_the_top():
-    """Bingham: I0 b v' = tau/sqrt(P) - mu_s sqrt(P) where that is positive."""
-    case = created(case="planar_shear", model="li", height=10, gravity=0.2)
-    profile, law, p = case.profile(), case.law, case.parameters
-    b, tau = law.stress_ratio(np.array(0.0))[1], profile.constant
-    P = np.minimum(1.0 + 0.2 * (10.0 - np.linspace(0.0, 10.0, 60)), tau / law.yield_ratio)
-    part = -(2.0 * tau * np.sqrt(P) - 2.0 / 3.0 * law.yield_ratio * P**1.5) / (
-        b * p.inertial_number * 0.2)
-    np.testing.assert_allclose(profile.velocity(np.linspace(0.0, 10.0, 60)), part - part[0],
-                               atol=1e-10 * 10.0)
-    assert profile.velocity(10.0) == pytest.approx(10.0, rel=1e-12)
 
 
 def test_li_in_a_ring_flows_within_its_yield_radius():
@@ -343,39 +299,28 @@ def errors(**given):
 
 
 NARROW = {"planar_shear": "width", "inclined_plane": "width", "vertical_chute": "height"}
-
-
-LAYER, CHUTE = {"height": 10, "gravity": 0.05}, {"width": 10, "gravity": 0.1}
-RING, SLOPE = {"inner_radius": 2, "outer_radius": 4}, {"height": 10, "slope": 24}
+LAYER, SLOPE = {"height": 10, "gravity": 0.05}, {"height": 10, "slope": 24}
 
 
 @pytest.mark.parametrize("case, law, model, given, sizes, orders, reached", [
     # F has a kink where mu = mu_s. Inside an element the kink causes an error of second order.
-    *(("planar_shear", law, "ngf", {**LAYER, "grading": 2},
-       (0.5, 0.25, 0.125, 0.0625), (2.5, 2.5), (1e-6, 1e-6)) for law in ("bingham", "jop")),
+    ("planar_shear", "jop", "ngf", {**LAYER, "grading": 2},
+     (0.5, 0.25, 0.125, 0.0625), (2.5, 2.5), (1e-6, 1e-6)),
     ("planar_shear", "bingham", "ngf_primitive", {**LAYER, "grading": 1.5},
      (0.5, 0.25, 0.125), (3.9, 3.9), (1e-6, 1e-6)),
-    ("vertical_chute", "bingham", "ngf", {**CHUTE, "grading": 1.5},
-     (0.25, 0.125, 0.0625, 0.03125), (2.0, 2.0), (2e-6, 1e-6)),
     # On the boundary of elements the kink causes no error.
     ("vertical_chute", "jop", "ngf", {"width": 10, "gravity": 0.3819 / 4},
      (0.25, 0.125, 0.0625, 0.03125), (3.7, 3.7), (1e-6, 1e-6)),
-    *(("inclined_plane", law, "ngf", {**SLOPE, "grading": 2},
-       (0.5, 0.25, 0.125, 0.0625), (3.5, 3.5), (1e-6, 1e-6)) for law in ("bingham", "jop")),
+    ("inclined_plane", "bingham", "ngf", {**SLOPE, "grading": 2},
+     (0.5, 0.25, 0.125, 0.0625), (3.5, 3.5), (1e-6, 1e-6)),
     # The source of dynamic NGF is singular at the surface.
     ("inclined_plane", "jop", "ngf_primitive", {"height": 4, "slope": 23, "grading": 2},
      (1, 0.5, 0.25, 0.125), (3.7, 3.7), (5e-5, 5e-5)),
-    ("inclined_plane", "bingham", "ngf_primitive", {"height": 10, "slope": 26, "grading": 2},
-     (1, 0.5, 0.25), (3.7, 3.7), (4e-6, 2e-5)),
-    ("inclined_plane", "jop", "ngf_primitive", {"height": 10, "slope": 26},
-     (0.5, 0.25, 0.125, 0.0625), (1.8, 1.8), (2e-6, 2e-5)),
     # In LI g is a strain rate, of second order, and a root of the depth at the surface.
     ("inclined_plane", "jop", "li", {**SLOPE, "grading": 3},
      (0.125, 0.0625, 0.03125), (3.0, 1.4), (1e-6, 1e-4)),
-    *(("annular_shear", law, "ngf", {**RING, "grading": 1.5},
-       (0.5, 0.25, 0.125), (2.0, 2.0), (1e-4, 1e-4)) for law in ("bingham", "jop")),
-    ("annular_shear", "bingham", "li", {"inner_radius": 2, "outer_radius": 2.25},
-     (0.125, 0.0625, 0.03125), (3.5, 1.9), (1e-6, 1e-3)),
+    ("annular_shear", "bingham", "ngf", {"inner_radius": 2, "outer_radius": 4, "grading": 1.5},
+     (0.5, 0.25, 0.125), (2.0, 2.0), (1e-4, 1e-4)),
 ])
 def test_finite_elements_converge_to_the_profile(case, law, model, given, sizes, orders, reached):
     narrow = NARROW.get(case)
@@ -447,12 +392,6 @@ def test_a_ring_in_xdmf_is_closed(flow):
     grid = pyvista.get_reader(str(path.with_suffix(".xdmf"))).read()
     while isinstance(grid, pyvista.MultiBlock):
         grid = grid[0]
-    with h5py.File(path) as file:
-        for name, field in file["snapshots/0000"].items():
-            if name != "coordinates":
-                flat = field[...].reshape(grid.n_points, -1)
-                assert np.array_equal(grid[name].reshape(grid.n_points, -1)[:, :flat.shape[1]],
-                                      flat)
     area = grid.compute_cell_sizes(length=False, volume=False)["Area"].sum()
     assert area == pytest.approx(np.pi * (10.0**2 - 5.0**2), rel=2e-3)
     assert grid.extract_feature_edges(feature_edges=False, manifold_edges=False).length \
@@ -461,9 +400,8 @@ def test_a_ring_in_xdmf_is_closed(flow):
 
 @pytest.mark.parametrize("case, kind, given", [
     ("annular_shear", "pseudo", RUNS["annular_shear"][0]),
-    *(("inclined_plane", kind, {"model": "ngf_primitive", "height": 6, "width": 3, "slope": 26,
-                                "element_size": 1, "end_time": 10})
-      for kind in ("pseudo", "beuler"))])
+    ("inclined_plane", "beuler", {"model": "ngf_primitive", "height": 6, "width": 3, "slope": 26,
+                                  "element_size": 1, "end_time": 10})])
 def test_a_flow_does_not_depend_on_the_ranks(tmp_path, case, kind, given):
     found = []
     for ranks in (1, 3):
@@ -478,7 +416,7 @@ def test_a_flow_does_not_depend_on_the_ranks(tmp_path, case, kind, given):
 
 
 def slope_rate(law, phi, height, slope):
-    """Rate (< 0), gdot0, at which LI flow on a slope (degrees) approaches the Bagnold profile.
+    """Rate (< 0), gdot0, at which LI flow on a slope (degrees) approaches the Bagnold profile:
 
     phi I0^2 dv'/dt = (eta v'')' over the depth z has the modes z^(1/4) J_(-1/3)((4/3) sqrt(q)
     z^(3/4)), with v' = 0 at the base and I0 = 1.
