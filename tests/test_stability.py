@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from conftest import ROOT, parameters, run_ranks
+from conftest import ROOT, parameters
 from scipy.integrate import solve_ivp
+from test_material import Shorter
 
 from pgran import stability
 from pgran.material.laws.barker_gray import BarkerGray
@@ -142,7 +143,7 @@ def test_numbers_of_the_paper():
 
 
 @pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("I0", [1e-4, 1e-3, 0.01, 0.012])
+@pytest.mark.parametrize("I0", [1e-4, 0.012])
 def test_cutoff_and_fastest_mode_are_extrema_over_wave_vectors(name, I0):
     coefficients = Coefficients.of(LAWS[name], "ngf", I0)
     k_cut, (size, rate, m) = waves.cutoff(coefficients), waves.fastest(coefficients)
@@ -154,8 +155,7 @@ def test_cutoff_and_fastest_mode_are_extrema_over_wave_vectors(name, I0):
 
     assert largest(k_cut * (1.0 - 1e-4)) > 0.0 > largest(k_cut * (1.0 + 1e-4))
     assert largest(size) == pytest.approx(rate, rel=1e-5)
-    for other in (0.99, 1.01):
-        assert largest(size * other) < rate
+    assert max(largest(size * other) for other in (0.99, 1.01)) < rate
     best = angle[np.argmax(waves.growth_rates(size * direction, PURE, coefficients))]
     assert np.degrees(best) == pytest.approx(waves.direction_angle(m, PURE), abs=0.02)
 
@@ -174,9 +174,7 @@ def test_extrema_in_three_dimensions_lie_in_the_extreme_principal_plane():
         assert (waves.growth_rates(1.001 * k_cut * directions, N, coefficients) < 0.0).all()
         size, rate, m = (float(part) for part in waves.fastest(coefficients, N))
         assert waves.growth_rates(size * directions, N, coefficients).max() <= rate
-        values, vectors = np.linalg.eigh(N)
-        weight = (m - values[0]) / (values[-1] - values[0])
-        k = size * (np.sqrt(weight) * vectors[:, -1] + np.sqrt(1.0 - weight) * vectors[:, 0])
+        k = size * waves.directions(m, N)[0]
         assert waves.growth_rates(k, N, coefficients)[0] == pytest.approx(rate, rel=1e-9)
 
 
@@ -189,9 +187,8 @@ def test_critical_inertial_numbers_bound_the_unstable_range(name, expected):
         below, above = (waves.cutoff(Coefficients.of(law, "ngf", I * (1.0 + e)))
                         for e in (-1e-7, 1e-7))
         assert (below > 0.0) != (above > 0.0)
-    # The paper reads 0.0158 for b I0 off its figure.
-    assert 0.9377 * waves.critical_inertial_numbers(LAWS["bingham"])[0] \
-        == pytest.approx(0.0158, rel=0.01)
+    if name == "bingham":  # the paper reads 0.0158 for b I0 off its figure
+        assert 0.9377 * critical[0] == pytest.approx(0.0158, rel=0.01)
 
 
 def test_growth_is_nan_where_the_denominator_vanishes_and_the_cutoff_beyond_3_19():
@@ -249,13 +246,10 @@ def test_amplitude_in_three_dimensions_solves_the_equation_of_the_wave():
 
 @pytest.mark.parametrize("arguments, message", [
     (["-wave_vector", "0,0"], "-wave_vector 0,0"),
-    (["-wave_vector", "1"], "-wave_vector 1: "),
     (["-cutoff", "-base_flow", "1,0,0,1"], "divergence"),
     (["-cutoff", "-base_flow", "1,0"], "-base_flow 1,0: "),
     (["-wave_vector", "1,1", "-amplification", "-end", "0"], "number > 0"),
-    (["-cutoff", "-pgran_mu_s", "0"], "-pgran_mu_s 0: "),
     (["-cutoff", "-pgran_law", "jop", "-pgran_mu_2", "0.2"], "-pgran_mu_2 0.2: must exceed"),
-    (["-cutoff", "-pgran_inertial_number", "-1"], "-pgran_inertial_number -1: "),
     (["-cutoff", "-pgran_model", "ig"], "model ig: its growth rate is unbounded"),
     (["-cutof"], "-cutof"),
     (["-json"], "-cutoff, -posedness or -specimen"),
@@ -264,10 +258,6 @@ def test_amplitude_in_three_dimensions_solves_the_equation_of_the_wave():
     (["-specimen", "-pgran_plates_slip", "false"], "-specimen: "),
     (["-wave_vector", "1,1", "-convection", "-pgran_model", "ngf_primitive"], "model "
      "ngf_primitive: the theory does not include convection"),
-    (["-wave_vector", "1,1", "-amplification", "-pgran_model", "ngf_primitive"], "model "
-     "ngf_primitive: the theory does not include convection"),
-    (["-wave_vector", "1,1", "-pgran_model", "ngf_primitive", "-pgran_relaxation_time", "0"],
-     "-pgran_relaxation_time 0: "),
     (["-specimen", "-pgran_case", "periodic"], "-pgran_case periodic"),
     (["-specimen", "-parity", "odd"], "-parity odd: "),
 ])
@@ -314,17 +304,10 @@ def test_command_accepts_any_base_flow_and_follows_the_turning_wave_vector(outpu
         "stress_ratio_limit"] == pytest.approx(np.sqrt(3.0) / 2.0)
 
 
-class Stiffer(Bingham):
-    """The Bingham law with half the cooperativity length."""
-
-    def inverse_length_squared(self, mu):
-        return tuple(4.0 * part for part in super().inverse_length_squared(mu))
-
-
-@pytest.mark.parametrize("I0", [0.0, 1e-9, 1e-3])
+@pytest.mark.parametrize("I0", [0.0, 1e-3])
 def test_theory_uses_the_cooperativity_length_of_the_law(I0):
     found = [float(waves.cutoff(Coefficients.of(kind(0.3819, 0.9377), "ngf", I0)))
-             for kind in (Bingham, Stiffer)]
+             for kind in (Bingham, Shorter)]
     assert found[1] == pytest.approx(2.0 * found[0], rel=1e-7)
 
 
@@ -378,10 +361,6 @@ def test_convective_growth_is_given_for_all_and_for_incompressible_modes(output)
                       "-pgran_law", "jop", "-pgran_inertial_number", "1")
     assert found["growth_rate"] == pytest.approx(full, rel=1e-12)
     assert found["growth_rate_incompressible"] == pytest.approx(reduced, rel=1e-12)
-    # Without convection the additional mode decays at the rate |k|^2.
-    found = waves.tensor_growth_rates(k, PURE, coefficients)
-    assert found[0] == pytest.approx(waves.growth_rates(k, PURE, coefficients)[0], rel=1e-9)
-    assert found[1] == pytest.approx(-k @ k, rel=1e-9)
 
 
 def test_posedness_is_known_for_any_law(output):
@@ -395,12 +374,6 @@ def test_posedness_is_known_for_any_law(output):
             assert found["ill_posed_ranges"][-1][0] == pytest.approx(upper, rel=1e-3)
         assert found["model"] == "li" and found["law"] == law
     assert found["ill_posed_ranges"][0][0] == 0.0  # mu tends to mu_s and its slope to 0
-
-
-def test_theory_imports_neither_petsc_nor_mpi():
-    code = ("import sys, pgran.stability; "
-            "sys.exit(any(m in sys.modules for m in ('petsc4py', 'mpi4py')))")
-    run_ranks(0, "-c", code)
 
 
 # Dynamic NGF
@@ -469,7 +442,7 @@ def test_dynamic_growth_rates_agree_with_the_linearised_model(name, dimension):
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7 / t0)
 
 
-@pytest.mark.parametrize("t0", [1e-6, 1e-3, 0.1, 10.0])
+@pytest.mark.parametrize("t0", [1e-6, 0.1])
 @pytest.mark.parametrize("name", LAWS)
 def test_relaxation_slows_growth_and_keeps_neutral_waves(name, t0):
     k = np.random.default_rng(2).uniform(-0.2, 0.2, (2000, 2))
@@ -483,8 +456,7 @@ def test_relaxation_slows_growth_and_keeps_neutral_waves(name, t0):
     assert waves.unstable_directions(coefficients) == waves.unstable_directions(steady)
 
 
-@pytest.mark.parametrize("I0", [1e-4, 1e-3, 0.01])
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name, I0", [("bingham", 1e-3), ("jop", 0.01)])
 def test_fastest_dynamic_wave_is_the_maximum_over_wave_vectors(name, I0):
     angle = np.radians(np.linspace(0.0, 90.0, 1801))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -499,8 +471,6 @@ def test_fastest_dynamic_wave_is_the_maximum_over_wave_vectors(name, I0):
                                 size * np.linspace(0.98, 1.02, 21)])
         others = waves.growth_rates(sizes[:, None, None] * direction, PURE, coefficients)[..., 0]
         assert rate * (1.0 - 1e-4) < others.max() <= rate * (1.0 + 1e-9)
-        for e in (0.999, 1.001):
-            assert waves.growth_rates(e * best, PURE, coefficients).max() < rate
     steady = waves.fastest(Coefficients.of(LAWS[name], "ngf", I0))
     np.testing.assert_allclose(waves.fastest(primitive(LAWS[name], I0, 1e-14)[0]), steady,
                                rtol=1e-3)
