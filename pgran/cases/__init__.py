@@ -48,67 +48,47 @@ class Case(ABC):
     count along x1 and x2, or along the curves that `coordinates` defines, and may lie beyond the
     ends of a periodic grid. Lengths are in d, stresses in the stress unit of the case, and times in
     1/gdot0.
-
-    Attributes
-    ----------
-    options : tuple of pgran.options.Option
-        They replace common options of the same name. `TIME` is added unless the case has an option
-        named snapshots.
-    periodic : tuple of bool
-        Whether the grid is periodic along i and along j.
-    moving : bool
-        Whether the mesh moves with the material. On a fixed mesh the flow rotates and advects the
-        stress, and inertia contains the convective acceleration (v.grad) v.
-    max_coarse_size : float
-        Largest mean side of an element of the coarsest multigrid level, over A d. Such elements
-        resolve the long-range coupling of velocity and fluidity. The default is a third of the
-        shortest growing wavelength (k A d = 0.1226).
-    max_coarse_elements : float
-        Largest number of elements of the coarsest level, whose matrix every rank may have to
-        factorise. It has priority over `max_coarse_size`.
-    walls_of_local_fluidity : tuple of str
-        Sides where g = g_loc replaces the fluidity equation. Their ends must be periodic.
-    free_surfaces : tuple of str
-        Sides where the pressure vanishes. Close to them the fluidity source is integrated as a
-        function of the square root of the distance.
-    why_at_rest : str or None
-        Why nothing flows in this case, if this is known in advance.
-    base_gradient : ndarray, (2, 2)
-        Velocity gradient that is added to the gradient of the nodal velocity, gdot0.
-    pressure : float
-        Pressure of the reference flow, stress.
-    stress_unit, stress_scale : str, float or None
-        Name of the stress unit, and its value in Pa.
-    specimen : dict or None
-        Arguments of `pgran.theory.specimen.growth_rate`, if it applies.
-    weight : tuple of float
-        Weight per volume (2,), stress/d.
-    fluidity_source : callable or None
-        ``fluidity_source(x)`` returns a source (...) of the fluidity equation at points ``x``
-        (2, ...), for verification.
-    observables : dict or tuple of str
-        Columns that `observe` adds to the history, as {name: unit}, where "stress" in a unit means
-        the ``stress_unit`` of the case; or only names, for pure numbers.
-    progress_name : str
-        Name of what `progress` returns, and of the attribute of a snapshot that stores it.
     """
 
+    #: Options of the case, which replace common options of the same name. `TIME` is added unless
+    #: there is an option named snapshots.
     options = ()
+    #: Whether the grid is periodic along i and along j.
     periodic = False, False
+    #: Whether the mesh moves with the material. On a fixed mesh the flow rotates and advects the
+    #: stress, and inertia contains the convective acceleration (v.grad) v.
     moving = True
+    #: Largest mean side of an element of the coarsest multigrid level, over A d. Such elements
+    #: resolve the long-range coupling of velocity and fluidity. The default is a third of the
+    #: shortest growing wavelength (k A d = 0.1226).
     max_coarse_size = 17.0
+    #: Largest number of elements of the coarsest level, whose matrix every rank may have to
+    #: factorise. It has priority over `max_coarse_size`.
     max_coarse_elements = 300
+    #: Velocity gradient (2, 2) that is added to the gradient of the nodal velocity, gdot0.
     base_gradient = np.zeros((2, 2))
+    #: Pressure of the reference flow, stress.
     pressure = 1.0
-    stress_unit = "stress"
-    stress_scale = None
+    #: Name of the stress unit, and its value in Pa or None.
+    stress_unit, stress_scale = "stress", None
+    #: Arguments of `pgran.theory.specimen.growth_rate`, or None if it does not apply.
     specimen = None
+    #: Weight per volume (2,), stress/d.
     weight = 0.0, 0.0
+    #: A function of points (2, ...) that returns a source (...) of the fluidity equation, for
+    #: verification, or None.
     fluidity_source = None
+    #: Sides where g = g_loc replaces the fluidity equation. Their ends must be periodic.
     walls_of_local_fluidity = ()
+    #: Sides where the pressure vanishes. Close to them the fluidity source is integrated as a
+    #: function of the square root of the distance.
     free_surfaces = ()
+    #: Why nothing flows in this case, if this is known in advance.
     why_at_rest = None
+    #: Columns that `observe` adds to the history, as {name: unit}, where "stress" in a unit means
+    #: ``stress_unit``; or only names, for pure numbers.
     observables = ()
+    #: Name of what `progress` returns, and of the attribute of a snapshot that stores it.
     progress_name = "time"
 
     def __init_subclass__(cls, **more):

@@ -27,16 +27,11 @@ class Law(ABC):
     A subclass must define `stress_ratio` and `inertial_number`. Non-local models also need
     ``inverse_length_squared(mu)``, which returns A^2 d^2/xi^2 of (2.8) and its derivative with
     respect to mu. Everything else has a default.
-
-    Attributes
-    ----------
-    options : tuple of pgran.options.Option
-        Options of the law. `of` passes their values to the constructor by name.
-    yield_ratio : float or ndarray
-        Largest stress ratio without local flow; 0 for a law without yield value.
     """
 
+    #: Options of the law, whose values `of` passes to the constructor by name.
     options = ()
+    #: Largest stress ratio without local flow; 0 for a law without yield value.
     yield_ratio = 0.0
     inverse_length_squared = None
 

@@ -35,21 +35,17 @@ class WithDerivatives:
 @dataclass
 class Response:
     """Response of a rheology at points, with D~ = D + theta S/2 and gdot~ = sqrt(2 D~:D~).
-
-    Attributes
-    ----------
-    viscosity : WithDerivatives
-        sigma'/(2 D~), stress/gdot0.
-    stress_ratio, inertial_number, fluidity : ndarray
-        mu = tau/P, I of the plastic rate g mu, and g in gdot0.
-    source : WithDerivatives or None
-        F of the fluidity equation, gdot0; None for a model without this equation.
     """
 
+    #: sigma'/(2 D~), stress/gdot0.
     viscosity: WithDerivatives
+    #: mu = tau/P.
     stress_ratio: np.ndarray
+    #: I of the plastic rate g mu.
     inertial_number: np.ndarray
+    #: g, gdot0.
     fluidity: np.ndarray
+    #: F of the fluidity equation as `WithDerivatives`, gdot0; None without this equation.
     source: object = None
 
 
@@ -59,31 +55,21 @@ class Model(ABC):
     A subclass must define `response`. The equation of a fluidity field is::
 
         storage["fluidity"] (h, dg/dt) + diffusion (grad h, grad g) + (h, F) = 0
-
-    Attributes
-    ----------
-    options : tuple of pgran.options.Option
-        Options of the model. `of` passes their values to the constructor by name.
-    fields : tuple of str
-        Fields of the solver: velocity, pressure, and for some models fluidity.
-    start_fluidity : float
-        Initial fluidity of a transient run over the fluidity of the reference flow.
-    theory : str or None
-        Linear theory of homogeneous flow: ngf, ngf_primitive, li or ig, or None.
-    solved : bool
-        Whether the nonlinear solver supports the model.
-    needs_length : bool
-        Whether the law must have a cooperativity length.
-    diffusion : float
-        Coefficient of grad g in the fluidity equation, d^2.
     """
 
+    #: Options of the model, whose values `of` passes to the constructor by name.
     options = ()
+    #: Initial fluidity of a transient run over the fluidity of the reference flow.
     start_fluidity = 0.0
+    #: Fields of the solver: velocity, pressure, and for some models fluidity.
     fields = "velocity", "pressure"
+    #: Linear theory of homogeneous flow: ngf, ngf_primitive, li, ig or None.
     theory = None
+    #: Whether the nonlinear solver supports the model.
     solved = True
+    #: Whether the law must have a cooperativity length.
     needs_length = False
+    #: Coefficient of grad g in the fluidity equation, d^2.
     diffusion = 0.0
 
     @classmethod
@@ -140,14 +126,9 @@ class Model(ABC):
         ----------
         law : pgran.material.laws.Law
             Its parameters may be arrays (n,), one entry per element.
-        s : ndarray, (points, n)
-            `pgran.material.Material.inverse_time` at ``P``, gdot0.
-        gdot : ndarray, (points, n)
-            Effective shear rate gdot~, gdot0.
-        P : ndarray, (points, n)
-            Pressure, stress unit of the case.
-        g : ndarray, (points, n), or None
-            Fluidity, gdot0; None for a model without this field.
+        s, gdot, P, g : ndarray, (points, n)
+            sqrt(P/(d^2 rho_s)) in gdot0, effective shear rate gdot~ in gdot0, pressure in the
+            stress unit, and fluidity in gdot0, which is None for a model without this field.
         theta : float
             Compliance of the elastic element, gdot0/stress; 0 if it is rigid.
         """
