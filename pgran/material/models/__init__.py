@@ -34,8 +34,7 @@ class WithDerivatives:
 
 @dataclass
 class Response:
-    """Response of a rheology at points, with D~ = D + theta S/2 and gdot~ = sqrt(2 D~:D~).
-    """
+    """Response of a rheology at points, with D~ = D + theta S/2 and gdot~ = sqrt(2 D~:D~)."""
 
     #: sigma'/(2 D~), stress/gdot0.
     viscosity: WithDerivatives
