@@ -3,8 +3,7 @@
 The bottom has v2 = 0, and its left corner also v1 = 0. The top moves down at v2 = D2 H exp(D2 t)
 and slides freely. The lateral faces carry the normal stress sigma_1 = -1, which follows the
 deformed normal. The fluidity has no flux through any face. The imperfection, a square with a lower
-yield value, is the element to the upper right of the centre; options change its size and side.
-Another option makes the plates rough.
+yield value, is the element to the upper right of the centre.
 """
 
 from functools import cached_property

@@ -128,7 +128,7 @@ class Specimen:
 
     @property
     def wave_number(self):
-        """The wave number k = n pi/H, 1/d."""
+        """k = n pi/H, 1/d."""
         return self.half_waves * np.pi / self.height
 
 
@@ -139,19 +139,9 @@ def growth_rate(law, model, **specimen):
     per wave and parity. Inertia, elasticity and t0 add more; the result is the one with the largest
     real part. Chebyshev collocation finds all of them, and the exact solution corrects the largest
     one. Without inertia, elastic stress also relaxes in arbitrarily short waves, at rates that
-    accumulate at -(1 - mu) G/(mu P0); these rates are ignored.
-
-    Returns
-    -------
-    float or complex
-        r, gdot0; complex, with a positive imaginary part, if the mode oscillates.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of bounds, or the specimen buckles elastically.
-    RuntimeError
-        If the exact solution does not confirm the growth rate of the collocation.
+    accumulate at -(1 - mu) G/(mu P0); these rates are ignored. The result r, gdot0, is complex,
+    with a positive imaginary part, if the mode oscillates. ValueError if an argument is out of
+    bounds, or the specimen buckles elastically.
     """
     return _Across(Specimen(law, model, **specimen)).growth_rate()
 
@@ -167,12 +157,7 @@ def column_growth_rate(law, model, **specimen):
 
     In NGF a fluidity that varies across the width ends at faces without flux, in layers of
     thickness A d/sqrt(mu). These layers add 12/L^2 to bending; LI has no such term. t0 delays
-    growth as inertia does. The formula is accurate for H >= 3 L.
-
-    Returns
-    -------
-    float
-        The positive root r, gdot0.
+    growth as inertia does. The result, the positive root r in gdot0, is accurate for H >= 3 L.
     """
     p = Specimen(law, model, **specimen)
     P, L, k, M = 1.0 / (1.0 - p.mu), p.width, p.wave_number, p.inertial_number * p.slope

@@ -128,34 +128,15 @@ def limit_of_stress_ratio(N):
 
 # Growth rates of given wave vectors
 
-def _squares(k):
-    """|k|^2 (...) of wave vectors (..., n); raises `ValueError` for k = 0."""
-    square = (k * k).sum(axis=-1)
-    if not np.all(square > 0.0):
-        raise ValueError("wave vector: must not be the zero vector")
-    return square
-
-
 def tensor(k, N, r, q, convection=0.0, gradient=None):
     """Return A_ik of (3.16), and the denominator |k|^2 - sqrt(2) q k.N k over |k|^2.
 
-    Parameters
-    ----------
-    k, N : ndarray, (..., n) and (n, n)
-    r, q : ndarray, (...)
-        `Coefficients.r_q` at |k|^2.
-    convection : float, optional
-        A^2 phi I0^2/mu_loc, the inverse of `viscous_rate`.
-    gradient : ndarray, (n, n), optional
-        L0/gdot0, for the tensor of (A 7).
-
-    Returns
-    -------
-    ndarray, ndarray
-        Shapes (..., n, n) and (...). The tensor is NaN where the denominator vanishes.
+    ``k`` is (..., n) and ``N`` (n, n); ``r`` and ``q`` (...) are `Coefficients.r_q` at |k|^2. With
+    ``gradient`` L0/gdot0 (n, n) the result is the tensor of (A 7), and ``convection`` is the inverse
+    of `viscous_rate`. The shapes are (..., n, n) and (...). NaN where the denominator vanishes.
     """
     k = np.asarray(k, dtype=float)
-    square = _squares(k)
+    square = (k * k).sum(axis=-1)
     r, q = np.broadcast_arrays(r, q)
     Nk = k @ N
     kNk = (k * Nk).sum(axis=-1)
@@ -238,7 +219,7 @@ def _relaxing_growth_rates(k, N, coefficients):
 
     The rates are NaN where e vanishes. In 3D a velocity normal to k and N k has the rate -|k|^2.
     """
-    square = _squares(k)
+    square = (k * k).sum(axis=-1)
     Nk = k @ N
     m = (k * Nk).sum(axis=-1) / square
     height = np.maximum((Nk * Nk).sum(axis=-1) / square - m**2, 0.0)
