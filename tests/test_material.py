@@ -74,12 +74,8 @@ def test_derivatives_agree_with_differences(model, name, theta):
     gdot, P, g = gdot[ok], P[ok], g[ok]
     exact = response(gdot, P, g)
     assert gdot.size > 20
-    if model != "li":
-        assert exact.stress_ratio.min() < 0.3 and exact.stress_ratio.max() > 0.45
     for quantity in ("viscosity", "source") if model != "li" else ("viscosity",):
         for number, suffix in enumerate(("rate", "pressure", "fluidity")):
-            if model == "li" and suffix == "fluidity":
-                continue
             arguments = [np.array([gdot, P, g]) for _ in range(2)]
             size = 1e-6 * arguments[0][number]
             arguments[0][number] += size

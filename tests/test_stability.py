@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 from test_material import Shorter
 
 from pgran import stability
-from pgran.material.laws.barker_gray import BarkerGray
 from pgran.material.laws.bingham import Bingham
 from pgran.material.laws.jop import Jop
 from pgran.material.models.ngf_primitive import NGFPrimitive
@@ -187,28 +186,6 @@ def test_growth_is_nan_where_the_denominator_vanishes_and_the_cutoff_beyond_3_19
         assert np.isnan(found[1])
 
 
-def test_amplitude_grows_at_the_growth_rate_and_decays_when_the_wave_vector_turns():
-    gradient, I0 = BASE_FLOWS["simple_shear"], 0.001
-    N = waves.flow_direction(gradient)
-    coefficients = Coefficients.of(LAWS["jop"], "ngf", I0)
-    number = 0.48**2 * 0.6 * I0**2 / float(coefficients.mu)
-    size = float(waves.fastest(coefficients)[0])
-    angle = np.radians(45.0 - 39.27)
-    k = size * np.array([np.cos(angle), np.sin(angle)])
-    first = waves.growth_rates(k, N, coefficients, number, gradient)[0].real
-    assert first > 0.0
-    early = 1e-3 / first
-    _, logarithm = turning.amplitude(k, N, coefficients, gradient, number, early)
-    assert logarithm[-1] == pytest.approx(1e-3, rel=0.05)
-    # Over shear times the wave vector turns away and the perturbation dies (Goddard & Lee 2017).
-    end = 1.0 / number
-    time, logarithm = turning.amplitude(k, N, coefficients, gradient, number, end)
-    peak, when = logarithm.max(), time[np.argmax(logarithm)]
-    assert 5.0 < peak < 50.0 and 0.0 < when < end and logarithm[-1] < -1e3
-    _, shorter = turning.amplitude(k, N, coefficients, gradient, number, 1.5 * when)
-    assert shorter.max() == pytest.approx(peak, rel=1e-6)
-
-
 def test_amplitude_in_three_dimensions_solves_the_equation_of_the_wave():
     number, wide = 0.05, np.diag([0.5, -0.5, 0.0])
     coefficients, k = Coefficients.of(LAWS["bingham"], "ngf", 0.1), np.array([0.3, 0.2, 0.1])
@@ -300,15 +277,6 @@ def test_spread_agrees_with_appendix_b_down_to_zero_inertial_number():
         mu, slope = law.stress_ratio(I)
         np.testing.assert_allclose(Coefficients.of(law, "ngf", I).spread, slope / (law.b * mu),
                                    rtol=3e-8)
-
-
-def test_a_law_without_yield_value_has_a_theory_of_li():
-    law = BarkerGray(0.3819, 0.6435, 0.279)
-    k = np.array([0.065, 0.053])
-    assert waves.growth_rates(k, PURE, Coefficients.of(law, "li", 1e-3))[0] < 0.0
-    assert waves.growth_rates(k, PURE, Coefficients.of(LAWS["jop"], "li", 1e-3))[0] > 0.0
-    with pytest.raises(ValueError, match="no cooperativity length"):
-        Coefficients.of(law, "ngf", 1e-3)
 
 
 @pytest.mark.parametrize("plane", [(0, 1), (1, 2), (0, 2)])
@@ -431,20 +399,6 @@ def test_dynamic_growth_rates_agree_with_the_linearised_model(name, dimension):
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7 / t0)
 
 
-@pytest.mark.parametrize("t0", [1e-6, 0.1])
-@pytest.mark.parametrize("name", LAWS)
-def test_relaxation_slows_growth_and_keeps_neutral_waves(name, t0):
-    k = np.random.default_rng(2).uniform(-0.2, 0.2, (2000, 2))
-    coefficients, _ = primitive(LAWS[name], 1e-3, t0)
-    steady = Coefficients.of(LAWS[name], "ngf", 1e-3)
-    found, expected = (waves.growth_rates(k, PURE, c)[:, 0] for c in (coefficients, steady))
-    assert np.isrealobj(waves.growth_rates(k, PURE, coefficients))
-    assert ((found > 0.0) == (expected > 0.0)).all() and (found > 0.0).any()
-    assert (found < expected)[found > 0.0].all()
-    assert waves.cutoff(coefficients) == waves.cutoff(steady)
-    assert waves.unstable_directions(coefficients) == waves.unstable_directions(steady)
-
-
 @pytest.mark.parametrize("name, I0", [("bingham", 1e-3), ("jop", 0.01)])
 def test_fastest_dynamic_wave_is_the_maximum_over_wave_vectors(name, I0):
     angle = np.radians(np.linspace(0.0, 90.0, 1801))
@@ -460,15 +414,11 @@ def test_fastest_dynamic_wave_is_the_maximum_over_wave_vectors(name, I0):
                                 size * np.linspace(0.98, 1.02, 21)])
         others = waves.growth_rates(sizes[:, None, None] * direction, PURE, coefficients)[..., 0]
         assert rate * (1.0 - 1e-4) < others.max() <= rate * (1.0 + 1e-9)
-    steady = waves.fastest(Coefficients.of(LAWS[name], "ngf", I0))
-    np.testing.assert_allclose(waves.fastest(primitive(LAWS[name], I0, 1e-14)[0]), steady,
-                               rtol=1e-3)
     # Inertial numbers and relaxation times broadcast against each other.
     many = Coefficients.of(LAWS[name], "ngf_primitive", np.array([[I0], [0.1]]),
                            np.array([1e2, coefficients.relaxation, 1e8]))
     rates = waves.fastest(many)[1]
-    assert rates.shape == (2, 3) and np.isnan(rates[1]).all()
-    assert rates[0, 1] == pytest.approx(rate, rel=1e-9)
+    assert np.isnan(rates[1]).all() and rates[0, 1] == pytest.approx(rate, rel=1e-9)
 
 
 def test_command_knows_dynamic_ngf(output):

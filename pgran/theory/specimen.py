@@ -128,7 +128,7 @@ class Specimen:
 
     @property
     def wave_number(self):
-        """k = n pi/H, 1/d."""
+        """The wave number k = n pi/H, 1/d."""
         return self.half_waves * np.pi / self.height
 
 

@@ -132,8 +132,9 @@ def tensor(k, N, r, q, convection=0.0, gradient=None):
     """Return A_ik of (3.16), and the denominator |k|^2 - sqrt(2) q k.N k over |k|^2.
 
     ``k`` is (..., n) and ``N`` (n, n); ``r`` and ``q`` (...) are `Coefficients.r_q` at |k|^2. With
-    ``gradient`` L0/gdot0 (n, n) the result is the tensor of (A 7), and ``convection`` is the inverse
-    of `viscous_rate`. The shapes are (..., n, n) and (...). NaN where the denominator vanishes.
+    ``gradient`` L0/gdot0 (n, n) the result is the tensor of (A 7), where ``convection`` is the
+    inverse of `viscous_rate`. The shapes are (..., n, n) and (...), with NaN where the denominator
+    vanishes.
     """
     k = np.asarray(k, dtype=float)
     square = (k * k).sum(axis=-1)
