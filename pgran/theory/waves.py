@@ -394,23 +394,24 @@ def direction_angle(m, N):
     return angles.min(axis=-1).reshape(np.shape(m))
 
 
-def critical_inertial_numbers(law, I_range=(1e-6, 1e2), N=PURE_SHEAR):
+def critical_inertial_numbers(law, N=PURE_SHEAR):
     """Return the inertial numbers (m,) at which instability of any wave vector begins or ends.
 
-    They are the sign changes of `long_wave_excess` in ``I_range``, up to the bound of (3.19).
+    They are the sign changes of `long_wave_excess` up to the bound of (3.19).
     """
-    roots = laws.sign_changes(lambda I: long_wave_excess(law, I, N), *I_range)
+    roots = laws.sign_changes(lambda I: long_wave_excess(law, I, N), 1e-6, 1e2)
     return roots[law.stress_ratio(roots)[0] < limit_of_stress_ratio(N)]
 
 
-def ill_posed_ranges(law, I_range=(1e-12, 1e4)):
+def ill_posed_ranges(law):
     """Return the ranges (m, 2) of inertial numbers with ill-posed LI in plane flow.
 
-    C(I) of `pgran.material.laws.ill_posedness` is positive there. A range that reaches an end of
-    ``I_range`` extends to 0 or infinity.
+    C(I) of `pgran.material.laws.ill_posedness` is positive there. A range that reaches 1e-12 or 1e4
+    extends to 0 or infinity.
     """
-    edges = laws.sign_changes(lambda I: laws.ill_posedness(law, I), *I_range)
-    low, high = (int(laws.ill_posedness(law, I) > 0.0) for I in I_range)
+    ends = 1e-12, 1e4
+    edges = laws.sign_changes(lambda I: laws.ill_posedness(law, I), *ends)
+    low, high = (int(laws.ill_posedness(law, I) > 0.0) for I in ends)
     return np.concatenate([[0.0] * low, edges, [np.inf] * high]).reshape(-1, 2)
 
 
