@@ -353,7 +353,7 @@ class PureShear(Case):
 
     @classmethod
     def resolve(cls, parameters, names):
-        if parameters.height is None:
+        if not parameters.height:
             parameters.height = 3.0 * parameters.width
 
     @classmethod

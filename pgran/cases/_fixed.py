@@ -83,7 +83,8 @@ class FixedMesh(Case):
         """
         position, (e1, e2), (n1, n2) = self.along(x)
         P = profile.pressure(position)
-        shear = profile.sense * profile.stress_ratio(position) * P
+        # Where mu > 0 the velocity increases along the profile, but decreases in a ring.
+        shear = (-1.0 if profile.flow.ring else 1.0) * profile.stress_ratio(position) * P
         return (profile.velocity(position) * np.array([e1, e2]), profile.fluidity(position), P,
                 shear * np.array([2.0 * e1 * n1, 2.0 * e2 * n2, e1 * n2 + e2 * n1]))
 

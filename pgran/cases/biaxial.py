@@ -75,8 +75,8 @@ class Biaxial(PureShear):
 
     @cached_property
     def weak_elements(self):
-        return (1 if self.parameters.imperfection_size is None
-                else self.elements_along("imperfection_size"))
+        size = self.parameters.imperfection_size
+        return self.elements_along("imperfection_size") if size else 1
 
     def coordinates(self, i, j):
         half = self.parameters.element_size / 2.0

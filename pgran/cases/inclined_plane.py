@@ -39,7 +39,7 @@ class InclinedPlane(_fixed.Layer):
     def why_at_rest(self):
         p = self.parameters
         static = self.static(f"the slope of {p.slope:g} degrees", np.tan(self._angle))
-        if static is None and self.material.model.theory == "ngf_primitive" \
+        if not static and self.material.model.theory == "ngf_primitive" \
                 and p.wall_fluidity == "zero":
             least = profiles.stopping_height(self.law, p.A, p.slope)
             if p.height <= least:

@@ -17,7 +17,7 @@ class Material:
     """The rheology of a flow in the units of its case.
 
     ``inertial_time`` is sqrt(d^2 rho_s) in sqrt(stress)/gdot0. ``pressure`` and ``stress_ratio``
-    (mu_loc) are those of the reference flow. ``G`` is the elastic shear modulus, stress.
+    (mu_loc) belong to the reference flow. ``G`` is the elastic shear modulus, stress.
     """
 
     law: object

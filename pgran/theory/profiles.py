@@ -101,11 +101,6 @@ class Profile:
     constant: object
     error: float
 
-    @property
-    def sense(self):
-        """Sign of the velocity gradient where mu > 0: 1, and -1 in a ring."""
-        return -1.0 if self.flow.ring else 1.0
-
     def velocity(self, x):
         """Return the speed along the flow, d gdot0."""
         return self.panels.at(self.v, self.flow.position(x))

@@ -24,7 +24,7 @@ class Jop(Law):
     @classmethod
     def of(cls, parameters):
         p = parameters
-        return cls(p.mu_s, p.mu_2, p.b if p.I_0 is None else (p.mu_2 - p.mu_s) / p.I_0)
+        return cls(p.mu_s, p.mu_2, (p.mu_2 - p.mu_s) / p.I_0 if p.I_0 else p.b)
 
     @property
     def yield_ratio(self):

@@ -127,7 +127,7 @@ class Model(ABC):
             Its parameters may be arrays (n,), one entry per element.
         s, gdot, P, g : ndarray, (points, n)
             sqrt(P/(d^2 rho_s)) in gdot0, effective shear rate gdot~ in gdot0, pressure in the
-            stress unit, and fluidity in gdot0, which is None for a model without this field.
+            stress unit, and fluidity in gdot0 (None for a model without this field).
         theta : float
             Compliance of the elastic element, gdot0/stress; 0 if it is rigid.
         """

@@ -47,10 +47,10 @@ class NGFPrimitive(NGF):
 
     @classmethod
     def resolve(cls, parameters, names):
-        if parameters.relaxation_time is None:
+        if not parameters.relaxation_time:
             parameters.relaxation_time = parameters.inertial_number
         law = parameters.part("law").of(parameters)
-        if law.inverse_length_squared is None:
+        if not law.inverse_length_squared:
             return  # such a law is refused where the length is used
         stiffness, _ = law.inverse_length_squared(law.stress_ratio(CHECKED)[0])
         if not np.allclose(stiffness, _slope_at_rest(law, CHECKED) * CHECKED, rtol=ROUNDING):
