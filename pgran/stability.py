@@ -95,7 +95,7 @@ def analyse(parameters, args):
 def posedness(law, I0):
     """Return C at an inertial number, and the ranges where LI is ill-posed with a law."""
     ranges = waves.ill_posed_ranges(law)
-    return {"C": float(waves.long_wave_excess(Coefficients.of(law, "li", I0))),
+    return {"C": float(waves.long_wave_excess(law, I0)),
             "well_posed": not any(low <= I0 <= high for low, high in ranges),
             "ill_posed_ranges": [[_number(low), _number(high)] for low, high in ranges],
             **{name: float(getattr(law, name)) for name in ("I_1", "A_minus")
@@ -152,11 +152,11 @@ def wave(N, coefficients, gradient, rate, args):
     if coefficients.model != "ig":
         found["growth_rate_gdot0"] = _number(value * rate)
     if args.amplification:
-        flow = k, N, coefficients, gradient, 1.0 / rate, args.end * rate
-        largest, time = turning.largest_amplification(*flow)
-        _, _, logarithms = turning.amplitude(*flow)
-        found.update(end=args.end, largest_log_amplification=largest,
-                     largest_amplification_time=time / rate,
+        times, logarithms = turning.amplitude(k, N, coefficients, gradient, 1.0 / rate,
+                                              args.end * rate)
+        largest = np.argmax(logarithms)
+        found.update(end=args.end, largest_log_amplification=float(logarithms[largest]),
+                     largest_amplification_time=float(times[largest]) / rate,
                      final_log_amplification=float(logarithms[-1]))
     return found
 

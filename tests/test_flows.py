@@ -12,8 +12,6 @@ import pytest
 from conftest import discretised, newton, noise, parameters, pgran, refused, run_ranks
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.optimize import brentq
-from scipy.special import jv
 
 from pgran import cases
 from pgran.options import ParameterError
@@ -71,13 +69,11 @@ def product_with_difference(form, local, rate, increment):
     scale = COMM.allreduce(np.abs(difference).max(), MPI.MAX)
     assert scale > 1.0
     np.testing.assert_allclose(product.array_r, difference, atol=1e-6 * scale)
-    return product.array_r.copy()
 
 
 @pytest.mark.parametrize("case, wall, model", [
     ("planar_shear", "natural", "ngf"), ("vertical_chute", "zero", "ngf"),
-    ("annular_shear", "local", "ngf"), ("annular_shear", "zero", "ngf"),
-    ("inclined_plane", "local", "ngf"), ("inclined_plane", "zero", "ngf_primitive")])
+    ("annular_shear", "local", "ngf"), ("inclined_plane", "zero", "ngf_primitive")])
 def test_jacobian_with_walls_and_convection_is_the_derivative_of_the_residual(
         monkeypatch, case, wall, model):
     monkeypatch.setattr("pgran.space.weakform.BATCH", 10)  # several batches
@@ -96,28 +92,22 @@ class Streaming(cases.Case):
         return np.array([0.5 * i + 0.02 * j, 0.4 * j + 0.03 * i])
 
 
-class WithoutBase(Streaming):
-    """The same piece without base flow."""
-
-    base_gradient = np.zeros((2, 2))
-
-
 def test_convection_and_mean_velocity_include_the_base_flow():
     given = parameters(inertia=True, inertial_number=0.3, width=3, height=2, element_size=1)
     grid = Grid(PETSc.COMM_WORLD, Streaming.shape)
-    streaming, plain = (WeakForm(grid, case(given)) for case in (Streaming, WithoutBase))
+    streaming, plain = (WeakForm(grid, Streaming(given)) for _ in range(2))
+    plain.case.base_gradient = np.zeros((2, 2))
     x = streaming.case.coordinates(grid.nodes.i, grid.nodes.j)
     local = 1.0 + 0.1 * noise(grid, 2)
     total = local.copy()
     nodal = grid.split(total)[0]
     nodal += Streaming.base_gradient @ x
-    rate, found, products = noise(grid, 4), [], []
+    rate, found = noise(grid, 4), []
     for form, unknowns in ((streaming, local), (plain, total)):
         increment = form.increment(x, form.no_stress() + 0.02, 0.1, 0.0)
         found.append(form.residual(unknowns, rate, increment))
-        products.append(product_with_difference(form, unknowns, rate, increment))
-    for one, other in (found, products):
-        np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())
+        product_with_difference(form, unknowns, rate, increment)
+    np.testing.assert_allclose(*found, atol=1e-12 * np.abs(found[1]).max())
     flow = AcceptedStep(streaming, 0.0, np.zeros(grid.n_local), None, x)
     corners = streaming.case.coordinates(*np.array([[0, 6, 0, 6], [0, 0, 4, 4]]))
     for side, points in (((), corners), (("top",), corners[:, 2:])):
@@ -125,41 +115,7 @@ def test_convection_and_mean_velocity_include_the_base_flow():
                                    Streaming.base_gradient @ points.mean(axis=1), rtol=1e-12)
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_the_mean_velocity_of_a_graded_side_is_an_integral_over_its_length(side):
-    form = discretised(case="inclined_plane", height=8, width=2, element_size=1, grading=3)
-    grid = form.grid
-    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    local = grid.join(np.array([x[1], x[1]**2]), np.ones(grid.nodes.size),
-                      np.ones(grid.corners.size))
-    flow = AcceptedStep(form, 0.0, local, None, x)
-    np.testing.assert_allclose(flow.mean_velocity(side), [4.0, 64.0 / 3.0], rtol=1e-12)
-
-
 # Where the pressure vanishes
-
-@pytest.mark.parametrize("side", element.ENDS)
-def test_the_rule_at_a_free_surface_is_exact_for_powers_of_the_root_of_the_distance(side):
-    (axis, end), nodes = element.ENDS[side], np.array([-1.0, 0.0, 1.0])
-    first, *further = element.SURFACES[side]
-    positions = np.stack([np.tile(nodes, 3), np.repeat(nodes, 3)])  # of the nodes
-    for rule, powers in ((first, np.arange(-1, 5) / 2.0), (further[0], np.arange(12))):
-        depth, along = 1.0 - end * (rule.shape @ positions[axis]), rule.shape @ positions[1 - axis]
-        for power in powers:
-            assert rule.weights @ (depth**power * along**4) == pytest.approx(
-                2.0**(power + 1.0) / (power + 1.0) * 0.4, rel=1e-12)
-
-
-def test_only_elements_close_to_a_free_surface_have_a_special_rule():
-    given = COARSE["inclined_plane"]
-    form = discretised(case="inclined_plane", **given)
-    found = [layer for surfaces in form._surfaces for _, here, _ in surfaces for layer in here]
-    close = form.grid.layer("top") < 4
-    assert len(found) == close.sum() and close.any() and not close.all()
-    assert not any(discretised(case=case, **COARSE[case])._surfaces[0]
-                   for case in COARSE if case != "inclined_plane")
-    assert not any(discretised(case="inclined_plane", model="li", **given)._surfaces)
-
 
 def test_the_inertial_number_has_a_value_where_the_pressure_vanishes():
     form = discretised(case="inclined_plane", law="jop", mu_2=6, **COARSE["inclined_plane"])
@@ -196,31 +152,6 @@ def test_li_on_a_slope_has_the_profile_of_bagnold():
     np.testing.assert_allclose(case.profile().velocity(y), v, atol=1e-12 * v.max())
 
 
-def test_li_in_a_chute_has_a_plug():
-    """Bingham: v' = (gravity z - mu_s)/(b I0) beyond the plug, z from the middle."""
-    case = created(case="vertical_chute", model="li", width=12, gravity=0.1)
-    law, z = case.law, np.abs(np.linspace(0.0, 12.0, 61) - 6.0)
-    plug = law.yield_ratio / 0.1
-    b = law.stress_ratio(np.array(0.0))[1]
-    part = 0.05 * (np.maximum(z, plug)**2 - plug**2) - law.yield_ratio * (
-        np.maximum(z, plug) - plug)
-    v = (part.max() - part) / b
-    np.testing.assert_allclose(case.profile().velocity(6.0 + z), v, atol=1e-12 * v.max())
-
-
-def test_li_under_a_plate_with_gravity_flows_at_the_top():
-    """Bingham: I0 b v' = tau/sqrt(P) - mu_s sqrt(P) where that is positive."""
-    case = created(case="planar_shear", model="li", height=10, gravity=0.2)
-    profile, law, p = case.profile(), case.law, case.parameters
-    b, tau = law.stress_ratio(np.array(0.0))[1], profile.constant
-    P = np.minimum(1.0 + 0.2 * (10.0 - np.linspace(0.0, 10.0, 60)), tau / law.yield_ratio)
-    part = -(2.0 * tau * np.sqrt(P) - 2.0 / 3.0 * law.yield_ratio * P**1.5) / (
-        b * p.inertial_number * 0.2)
-    np.testing.assert_allclose(profile.velocity(np.linspace(0.0, 10.0, 60)), part - part[0],
-                               atol=1e-10 * 10.0)
-    assert profile.velocity(10.0) == pytest.approx(10.0, rel=1e-12)
-
-
 def test_li_in_a_ring_flows_within_its_yield_radius():
     """Bingham: r (v/r)' = -(mu - mu_s)/(b I0), mu = mu_i (R_i/r)^2."""
     case = created(case="annular_shear", model="li", inner_radius=4, outer_radius=9)
@@ -235,11 +166,6 @@ def test_li_in_a_ring_flows_within_its_yield_radius():
     assert profile.velocity(4.0) == pytest.approx(4.0, rel=1e-12)
 
 
-def relative(profile, positions):
-    """Fluidity over its value at the first position."""
-    return profile.fluidity(positions) / profile.fluidity(positions[0])
-
-
 def test_core_of_a_chute_is_an_airy_function():
     """A^2 g'' = (mu_s - gravity z) g, with g' = 0 in the middle."""
     case = created(case="vertical_chute", width=14, gravity=0.08)
@@ -251,21 +177,8 @@ def test_core_of_a_chute_is_an_airy_function():
     z = np.linspace(0.0, case.law.yield_ratio / 0.08, 12)
     core = np.array([float(ends[1] * mpmath.airyai(argument(part))
                            - ends[0] * mpmath.airybi(argument(part))) for part in z])
-    np.testing.assert_allclose(relative(case.profile(), 7.0 + z), core / core[0], rtol=1e-9)
-
-
-def test_outer_part_of_a_ring_is_a_bessel_function():
-    """A^2 (g'' + g'/r) = (mu_s - mu_i R_i^2/r^2) g: the order is imaginary."""
-    case = created(case="annular_shear", inner_radius=5, outer_radius=12)
-    profile, A = case.profile(), case.parameters.A
-    k = np.sqrt(case.law.yield_ratio) / A
-    order = 1j * np.sqrt(profile.constant) * 5.0 / A
-    kinds = mpmath.besselk, lambda n, x: mpmath.besseli(n, x).real
-    slopes = [mpmath.diff(lambda r, kind=kind: kind(order, k * r).real, 12.0) for kind in kinds]
-    r = np.linspace(12.0, 5.05 * np.sqrt(profile.constant / case.law.yield_ratio), 9)
-    found = np.array([float((slopes[1] * kinds[0](order, k * part)
-                             - slopes[0] * kinds[1](order, k * part)).real) for part in r])
-    np.testing.assert_allclose(relative(profile, r), found / found[0], rtol=1e-8)
+    found = case.profile().fluidity(7.0 + z)
+    np.testing.assert_allclose(found / found[0], core / core[0], rtol=1e-9)
 
 
 @pytest.mark.parametrize("law, length", [("bingham", 0.777), ("jop", 1.218)])
@@ -343,39 +256,28 @@ def errors(**given):
 
 
 NARROW = {"planar_shear": "width", "inclined_plane": "width", "vertical_chute": "height"}
-
-
-LAYER, CHUTE = {"height": 10, "gravity": 0.05}, {"width": 10, "gravity": 0.1}
-RING, SLOPE = {"inner_radius": 2, "outer_radius": 4}, {"height": 10, "slope": 24}
+LAYER, SLOPE = {"height": 10, "gravity": 0.05}, {"height": 10, "slope": 24}
 
 
 @pytest.mark.parametrize("case, law, model, given, sizes, orders, reached", [
     # F has a kink where mu = mu_s. Inside an element the kink causes an error of second order.
-    *(("planar_shear", law, "ngf", {**LAYER, "grading": 2},
-       (0.5, 0.25, 0.125, 0.0625), (2.5, 2.5), (1e-6, 1e-6)) for law in ("bingham", "jop")),
+    ("planar_shear", "jop", "ngf", {**LAYER, "grading": 2},
+     (0.5, 0.25, 0.125, 0.0625), (2.5, 2.5), (1e-6, 1e-6)),
     ("planar_shear", "bingham", "ngf_primitive", {**LAYER, "grading": 1.5},
      (0.5, 0.25, 0.125), (3.9, 3.9), (1e-6, 1e-6)),
-    ("vertical_chute", "bingham", "ngf", {**CHUTE, "grading": 1.5},
-     (0.25, 0.125, 0.0625, 0.03125), (2.0, 2.0), (2e-6, 1e-6)),
     # On the boundary of elements the kink causes no error.
     ("vertical_chute", "jop", "ngf", {"width": 10, "gravity": 0.3819 / 4},
      (0.25, 0.125, 0.0625, 0.03125), (3.7, 3.7), (1e-6, 1e-6)),
-    *(("inclined_plane", law, "ngf", {**SLOPE, "grading": 2},
-       (0.5, 0.25, 0.125, 0.0625), (3.5, 3.5), (1e-6, 1e-6)) for law in ("bingham", "jop")),
+    ("inclined_plane", "bingham", "ngf", {**SLOPE, "grading": 2},
+     (0.5, 0.25, 0.125, 0.0625), (3.5, 3.5), (1e-6, 1e-6)),
     # The source of dynamic NGF is singular at the surface.
     ("inclined_plane", "jop", "ngf_primitive", {"height": 4, "slope": 23, "grading": 2},
      (1, 0.5, 0.25, 0.125), (3.7, 3.7), (5e-5, 5e-5)),
-    ("inclined_plane", "bingham", "ngf_primitive", {"height": 10, "slope": 26, "grading": 2},
-     (1, 0.5, 0.25), (3.7, 3.7), (4e-6, 2e-5)),
-    ("inclined_plane", "jop", "ngf_primitive", {"height": 10, "slope": 26},
-     (0.5, 0.25, 0.125, 0.0625), (1.8, 1.8), (2e-6, 2e-5)),
     # In LI g is a strain rate, of second order, and a root of the depth at the surface.
     ("inclined_plane", "jop", "li", {**SLOPE, "grading": 3},
      (0.125, 0.0625, 0.03125), (3.0, 1.4), (1e-6, 1e-4)),
-    *(("annular_shear", law, "ngf", {**RING, "grading": 1.5},
-       (0.5, 0.25, 0.125), (2.0, 2.0), (1e-4, 1e-4)) for law in ("bingham", "jop")),
-    ("annular_shear", "bingham", "li", {"inner_radius": 2, "outer_radius": 2.25},
-     (0.125, 0.0625, 0.03125), (3.5, 1.9), (1e-6, 1e-3)),
+    ("annular_shear", "bingham", "ngf", {"inner_radius": 2, "outer_radius": 4, "grading": 1.5},
+     (0.5, 0.25, 0.125), (2.0, 2.0), (1e-4, 1e-4)),
 ])
 def test_finite_elements_converge_to_the_profile(case, law, model, given, sizes, orders, reached):
     narrow = NARROW.get(case)
@@ -447,12 +349,6 @@ def test_a_ring_in_xdmf_is_closed(flow):
     grid = pyvista.get_reader(str(path.with_suffix(".xdmf"))).read()
     while isinstance(grid, pyvista.MultiBlock):
         grid = grid[0]
-    with h5py.File(path) as file:
-        for name, field in file["snapshots/0000"].items():
-            if name != "coordinates":
-                flat = field[...].reshape(grid.n_points, -1)
-                assert np.array_equal(grid[name].reshape(grid.n_points, -1)[:, :flat.shape[1]],
-                                      flat)
     area = grid.compute_cell_sizes(length=False, volume=False)["Area"].sum()
     assert area == pytest.approx(np.pi * (10.0**2 - 5.0**2), rel=2e-3)
     assert grid.extract_feature_edges(feature_edges=False, manifold_edges=False).length \
@@ -461,9 +357,8 @@ def test_a_ring_in_xdmf_is_closed(flow):
 
 @pytest.mark.parametrize("case, kind, given", [
     ("annular_shear", "pseudo", RUNS["annular_shear"][0]),
-    *(("inclined_plane", kind, {"model": "ngf_primitive", "height": 6, "width": 3, "slope": 26,
-                                "element_size": 1, "end_time": 10})
-      for kind in ("pseudo", "beuler"))])
+    ("inclined_plane", "beuler", {"model": "ngf_primitive", "height": 6, "width": 3, "slope": 26,
+                                  "element_size": 1, "end_time": 10})])
 def test_a_flow_does_not_depend_on_the_ranks(tmp_path, case, kind, given):
     found = []
     for ranks in (1, 3):
@@ -475,33 +370,6 @@ def test_a_flow_does_not_depend_on_the_ranks(tmp_path, case, kind, given):
             found.append({name: last[name][...] for name in ("velocity", "fluidity", "deviator")})
     for name, values in found[0].items():
         np.testing.assert_allclose(found[1][name], values, atol=1e-8 * np.abs(values).max())
-
-
-def slope_rate(law, phi, height, slope):
-    """Rate (< 0), gdot0, at which LI flow on a slope (degrees) approaches the Bagnold profile.
-
-    phi I0^2 dv'/dt = (eta v'')' over the depth z has the modes z^(1/4) J_(-1/3)((4/3) sqrt(q)
-    z^(3/4)), with v' = 0 at the base and I0 = 1.
-    """
-    angle = np.radians(slope)
-    zero = brentq(lambda x: jv(-1.0 / 3.0, x), 1.0, 3.0)
-    slope_of_mu = law.stress_ratio(law.inertial_number(np.asarray(np.tan(angle)))[0])[1]
-    return -(0.75 * zero)**2 / height**1.5 * slope_of_mu * np.sqrt(np.cos(angle)) / phi
-
-
-def test_flow_from_rest_approaches_steady_flow_at_the_rate_of_its_slowest_mode(tmp_path):
-    dt, path = 0.25, tmp_path / "rest.h5"
-    given = {"model": "li", "inertia": "true", "height": 4, "slope": 24, "width": 0.5,
-             "element_size": 0.25, "shear_modulus": 1e5}
-    pgran(0, "inclined_plane.opts", path, "-ts_type", "beuler",
-          *options(end_time=25, snapshots="15,25", step_max=dt, **given))
-    case = created(case="inclined_plane", law="jop", **given)
-    with h5py.File(path) as file:
-        left = [case.profile().velocity(4.0) - snapshot["velocity"][-1, 0, 0]
-                for snapshot in file["snapshots"].values()]
-    rate = slope_rate(case.law, case.parameters.phi, 4.0, 24.0)
-    as_stepped = -np.log(1.0 - rate * dt) / dt  # by backward Euler
-    assert np.log(left[1] / left[0]) / 10.0 == pytest.approx(as_stepped, rel=0.01)
 
 
 def test_flow_stops_within_the_time_limits_of_the_momentum_balance(tmp_path):
@@ -561,7 +429,7 @@ def test_spectrum_about_a_deformed_specimen_does_not_depend_on_the_ranks(tmp_pat
     eigen(0, *about, "-pgran_output", mode)
     assert mode.with_suffix(".png").stat().st_size > 5000
     refused(pgran(0, "direct.opts", tmp_path / "x.h5", *options(element_size=8, mode_file=mode),
-                  check=False), "mesh that has moved")
+                  check=False), "belongs to a deformed mesh")
 
 
 @pytest.mark.parametrize("side", [0.97, 1.03])

@@ -47,11 +47,11 @@ def test_modules_of_options_import_earlier_ones_only():
         assert found <= set(OPTIONS[:number]), module
 
 
-@pytest.mark.parametrize("folder, more", [("material", set()), ("theory", {"scipy"})])
-def test_material_uses_numpy_only_and_theory_numpy_and_scipy(folder, more):
+@pytest.mark.parametrize("folder", ["material", "theory"])
+def test_material_and_theory_use_numpy_and_scipy_only(folder):
     for path in (PACKAGE / folder).rglob("*.py"):
         roots = {name.split(".")[0] for name in imported(path)}
-        assert roots <= {"pgran", "numpy", "dataclasses", "abc", "functools", "math", *more}, path
+        assert roots <= {"pgran", "numpy", "scipy", "dataclasses", "abc", "functools", "math"}, path
 
 
 def test_names_of_modules_and_classes_are_distinct():

@@ -74,12 +74,8 @@ def test_derivatives_agree_with_differences(model, name, theta):
     gdot, P, g = gdot[ok], P[ok], g[ok]
     exact = response(gdot, P, g)
     assert gdot.size > 20
-    if model != "li":
-        assert exact.stress_ratio.min() < 0.3 and exact.stress_ratio.max() > 0.45
     for quantity in ("viscosity", "source") if model != "li" else ("viscosity",):
         for number, suffix in enumerate(("rate", "pressure", "fluidity")):
-            if model == "li" and suffix == "fluidity":
-                continue
             arguments = [np.array([gdot, P, g]) for _ in range(2)]
             size = 1e-6 * arguments[0][number]
             arguments[0][number] += size
@@ -136,19 +132,6 @@ def test_uniform_dynamic_flow_has_the_local_fluidity_and_the_linearised_source_o
 
 
 @pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
-def test_dynamic_source_is_smooth_at_yield(law):
-    model, g = MODELS["ngf_primitive"], np.full(3, 2.0)
-    for size in (1e-4, 1e-8, 1e-12):
-        mu = law.mu_s + size * np.array([-1.0, 0.0, 1.0])
-        F = model.source(law, np.full(3, 10.0), mu, np.ones(3), g)
-        # Jop: K'' = -2/(mu_2 - mu_s) at mu_s
-        for part in (F.rate, F.fluidity):
-            np.testing.assert_allclose(part, part[1], atol=20.0 * size)
-        np.testing.assert_allclose(np.diff(F.value), size * F.rate[1],
-                                   rtol=10.0 * size + 1e-15 / size)
-
-
-@pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
 def test_negative_fluidity_returns_to_zero_at_every_stress(law):
     mu, g = np.meshgrid([0.0, 0.3, law.mu_s, 0.5], -np.geomspace(1e-6, 1e3, 20))
     P, size = np.full_like(g, 1.5), 1e-6
@@ -160,9 +143,6 @@ def test_negative_fluidity_returns_to_zero_at_every_stress(law):
     assert (F.value < 0.0).all() and (F.fluidity > 0.0).all()
     high, low = (source(mu, g * factor).value for factor in (1.0 + size, 1.0 - size))
     np.testing.assert_allclose((high - low) / (2.0 * size * g), F.fluidity, rtol=1e-6)
-    smooth = mu != law.mu_s
-    high, low = (source(mu + step, g).value for step in (size, -size))
-    np.testing.assert_allclose(((high - low) / (2.0 * size))[smooth], F.rate[smooth], rtol=1e-6)
 
 
 @pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
@@ -176,17 +156,6 @@ def test_zero_fluidity_is_a_dynamic_solution_at_every_stress(law):
     # Disturbances of g = 0 decay below mu_s and grow above.
     above = response.stress_ratio > law.mu_s
     assert above.any() and (np.sign(response.source.fluidity) == np.where(above, -1.0, 1.0)).all()
-
-
-def test_dynamic_source_uses_the_yield_value_of_each_element():
-    factor, model = np.array([1.0, 0.9]), MODELS["ngf_primitive"]
-    mu, one = np.full((4, 2), 0.36), np.ones((4, 2))
-    for law in NON_LOCAL.values():
-        found = model.source(law.weakened(factor), 10.0 * one, mu, one, one)
-        for column, part in enumerate(factor):
-            single = model.source(law.weakened(part), 10.0, mu[:, 0], one[:, 0], one[:, 0])
-            for name in ("value", "rate", "pressure", "fluidity"):
-                assert (getattr(found, name)[:, column] == getattr(single, name)).all()
 
 
 def test_relaxation_time_defaults_to_the_inertial_time_of_the_grains():
@@ -219,8 +188,7 @@ def test_barker_gray_has_known_numbers(given, I_1, upper, A_minus, regularised):
     jop, law = Jop(mu_s, mu_2, (mu_2 - mu_s) / I_0), BarkerGray(*given)
 
     def roots(law):
-        return laws.sign_changes(lambda I: laws.ill_posedness(*laws.sensitivity(law, I)),
-                                 1e-12, 1e4)
+        return laws.sign_changes(lambda I: laws.ill_posedness(law, I), 1e-12, 1e4)
 
     def digits(number, text):
         return f"{number:.{len(text.replace('.', '').lstrip('0'))}g}" == text
@@ -240,7 +208,7 @@ def test_barker_gray_is_continuous_and_well_posed_at_rest_only_below_alpha_2():
     I = np.geomspace(1e-300, 1e-200, 5)
     for alpha, sign in ((1.9, -1.0), (1.99, -1.0), (2.01, 1.0), (2.1, 1.0)):
         other = BarkerGray(0.3819, 0.6435, 0.279, alpha=alpha)
-        C = laws.ill_posedness(*laws.sensitivity(other, I))
+        C = laws.ill_posedness(other, I)
         assert (np.sign(C) == sign).all()
 
 

@@ -8,7 +8,7 @@ from pgran.material.laws.barker_gray import BarkerGray
 from pgran.material.laws.bingham import Bingham
 from pgran.material.laws.jop import Jop
 from pgran.theory import specimen
-from pgran.theory.specimen import PARITIES, column_growth_rate, growth_rate, mode
+from pgran.theory.specimen import PARITIES, column_growth_rate, growth_rate
 
 BINGHAM, JOP = Bingham(0.3819, 0.9377), Jop(0.3819, 0.6435, 0.9377)
 REGULARISED = BarkerGray(0.342, 0.557, 0.069)
@@ -65,45 +65,21 @@ class Transfer:
         rows["s"] = (rho * (self.r - mpmath.mpf(1) / 2) * unit["v2"]
                      - k * (pressure + shear))
         rows["g"] = unit["slope"]
-        rows["slope"] = k**2 * unit["g"] + c / mpmath.mpf(amplitude)**2 * (
-            unit["g"] - local[0] * shear - local[1] * pressure)
-        rows["slope"] = rows["slope"] + relaxation_time * self.r / mpmath.mpf(
-            amplitude)**2 * unit["g"]
+        rows["slope"] = k**2 * unit["g"] + (
+            c * (unit["g"] - local[0] * shear - local[1] * pressure)
+            + relaxation_time * self.r * unit["g"]) / mpmath.mpf(amplitude)**2
         size = 6 if self.nonlocal_ else 4
         self.M = mpmath.matrix([list(row[:size]) for row in list(rows.values())[:size]])
-        self.pressure, self.local, self.shear = pressure, local, shear
-        self.size = size
 
-    def solve(self):
-        """Return y (size,) at the left face for a right face displaced by 1."""
+    def excess(self):
+        """Return v1/zeta + 1/2 - r of the left face, for a right face displaced by 1."""
         over = mpmath.expm(self.M * self.L, method="taylor")
         # At the left face v1, v2 and, for NGF, g' are unknown, sigma_12 = load sign, others 0.
         unknown = [0, 1, 4] if self.nonlocal_ else [0, 1]
         wanted = [(2, 0), (3, self.load), (5, 0)] if self.nonlocal_ else [(2, 0), (3, self.load)]
-        known = self.load * self.sign
         left = mpmath.matrix([[over[i, j] for j in unknown] for i, _ in wanted])
-        right = mpmath.matrix([value - over[i, 3] * known for i, value in wanted])
-        found = mpmath.lu_solve(left, right)
-        y = mpmath.matrix(self.size, 1)
-        y[3] = known
-        for j, value in zip(unknown, found):
-            y[j] = value
-        return y
-
-    def excess(self):
-        """Return v1/zeta + 1/2 - r of the left face."""
-        return self.solve()[0] / self.sign + mpmath.mpf(1) / 2 - self.r
-
-    def fields(self, places):
-        """Return v1, v2, P', g' at ``places`` from the middle, (4, m)."""
-        start, found = self.solve(), []
-        for x in places:
-            y = mpmath.expm(self.M * (self.L / 2 + mpmath.mpf(float(x))), method="taylor") * start
-            state = np.array([*y, *[mpmath.mpf(0)] * (6 - self.size)])
-            P, tau = self.pressure @ state, self.shear @ state
-            g = y[4] if self.nonlocal_ else self.local @ np.array([tau, P])
-            found.append([complex(part) for part in (y[0], y[1], P, g)])
-        return np.array(found).T
+        right = mpmath.matrix([value - over[i, 3] * self.load * self.sign for i, value in wanted])
+        return mpmath.lu_solve(left, right)[0] / self.sign + mpmath.mpf(1) / 2 - self.r
 
 
 @pytest.fixture(autouse=True)
@@ -125,9 +101,8 @@ def exact(law, model, guess, arguments):
 
 
 @pytest.mark.parametrize("height, half_waves, parity, expected", [
-    (60.0, 1, "sway", 50.60), (80.0, 1, "sway", 140.80), (120.0, 1, "sway", 413.17),
-    (160.0, 1, "sway", 799.4), (240.0, 1, "sway", 1906.3), (60.0, 2, "barrel", 16.495),
-    (80.0, 2, "barrel", 26.75)])
+    (60.0, 1, "sway", 50.60), (120.0, 1, "sway", 413.17), (240.0, 1, "sway", 1906.3),
+    (60.0, 2, "barrel", 16.495), (80.0, 2, "barrel", 26.75)])
 def test_known_growth_rates(height, half_waves, parity, expected):
     found = rate(height=height, half_waves=half_waves, parity=parity)
     assert found == pytest.approx(expected, rel=2e-4)
@@ -135,11 +110,8 @@ def test_known_growth_rates(height, half_waves, parity, expected):
 
 CASES = [
     (BINGHAM, "ngf", {}),
-    (BINGHAM, "ngf", {"parity": "barrel", "half_waves": 2}),
     (BINGHAM, "ngf", {"inertial_number": 1e-4, "width": 100.0, "height": 50.0}),
-    (BINGHAM, "ngf", {"amplitude": 5.0, "height": 30.0}),
     (JOP, "li", {"inertial_number": 0.03, "parity": "barrel", "half_waves": 3}),
-    (BINGHAM, "ngf", {"density": DENSITY, "parity": "barrel"}),
     (BINGHAM, "ngf", {"density": DENSITY, "parity": "barrel", "width": 120.0, "height": 57.0}),
     (BINGHAM, "ngf", {"shear_modulus": 100.0}),
     (BINGHAM, "li", {"shear_modulus": 1000.0, "density": DENSITY}),
@@ -151,17 +123,11 @@ CASES = [
 
 
 @pytest.mark.parametrize("law, model, more", CASES, ids=str)
-def test_growth_rates_and_modes_agree_with_a_transfer_matrix(law, model, more):
+def test_growth_rates_agree_with_a_transfer_matrix(law, model, more):
     arguments = {**SPECIMEN, **more}
-    x = arguments["width"] / 2.0 * np.array([-1.0, -0.97, 0.0, 0.7, 1.0])
-    found = mode(x, law, model, **arguments)
-    expected = exact(law, model, found.growth_rate, arguments)
-    assert abs(found.growth_rate - expected) < 1e-9 * abs(expected)
-    expected = Transfer(law, model, found.growth_rate, **arguments).fields(x)
-    computed = np.array([*found.velocity, found.pressure, found.fluidity])
-    assert np.isrealobj(computed) == np.isrealobj(found.growth_rate)
-    scale = np.abs(expected).max(axis=1, keepdims=True)
-    assert np.abs((computed - expected) / scale).max() < 1e-8
+    found = growth_rate(law, model, **arguments)
+    expected = exact(law, model, found, arguments)
+    assert abs(found - expected) < 1e-9 * abs(expected)
 
 
 def test_growth_rate_is_accurate_where_roots_of_the_characteristic_equation_coincide():
@@ -214,17 +180,12 @@ def test_a_slender_specimen_sways_as_a_creeping_column(model, more):
     ({"model": "ig"}, "model ig: expected one of: ngf, ngf_primitive, li"),
     ({"model": "ngf_primitive"}, "relaxation time: the model ngf_primitive needs one"),
     ({"parity": "left"}, "parity left: expected one of: sway, barrel"),
-    ({"half_waves": 1.5}, "half_waves 1.5: must be an integer >= 1"),
-    ({"width": 0.0}, "width 0.0: must be a number > 0"),
     ({"height": float("nan")}, "height nan: must be a number > 0"),
     ({"inertial_number": 1.0}, "mu_loc(I0) is 1.32; plane-strain compression requires"),
-    ({"density": -1.0}, "density -1.0: must be a number >= 0"),
     ({"shear_modulus": 0.5}, "shear_modulus 0.5: must be a number > mu P0 = 0.6203"),
     ({"law": REGULARISED}, "the law BarkerGray has no cooperativity length")], ids=str)
 def test_invalid_arguments_are_refused(more, message):
     with pytest.raises(ValueError) as error:
         rate(**more)
     assert message in str(error.value)
-    with pytest.raises(ValueError, match="between -L/2 and L/2"):
-        mode(np.array([20.1]), BINGHAM, "ngf", **SPECIMEN)
     assert all(np.isfinite(rate(REGULARISED, "li", parity=parity)) for parity in PARITIES)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from conftest import ROOT, parameters, run_ranks
 from scipy.integrate import solve_ivp
+from test_material import Shorter
 
 from pgran import stability
-from pgran.material.laws.barker_gray import BarkerGray
 from pgran.material.laws.bingham import Bingham
 from pgran.material.laws.jop import Jop
 from pgran.material.models.ngf_primitive import NGFPrimitive
@@ -35,49 +35,32 @@ def random_flow(rng, n):
     return L - np.trace(L) / n * np.eye(n)
 
 
-def unreduced_growth(k, N, coefficients, xi_square=None, convection=0.0, gradient=None):
-    """Growth rates from the generalised problem of (3.8)-(3.10) or, with IG, (C 8), (3.8).
+def unreduced_growth(k, N, coefficients, xi_square, convection=0.0, gradient=0.0):
+    """Growth rates from the equations (3.8)-(3.10) or, with IG, (C 8), (3.8).
 
-    Unknowns v, P, g in units with eta0 = gdot0 = 1, so P0 = 1/mu and A^2 d^2 phi rho_s = 1:
-    lambda B u = C u with B = 1 for v alone. With convection, (A 2) along the turning wave
-    vector: -c L v, and k.v = 0 kept by k.dv/dt = -v.dk/dt = c v.L^T k, dk/dt = -c L^T k.
+    Unknowns v, P, g in units with eta0 = gdot0 = 1, so P0 = 1/mu and A^2 d^2 phi rho_s = 1. With
+    convection, (A 2) along the turning wave vector: -c L v, and k.v = 0 kept by
+    k.dv/dt = -v.dk/dt = c v.L^T k, dk/dt = -c L^T k.
     """
     n, mu, nu = k.size, float(coefficients.mu), float(coefficients.nu)
-    square, Nk = k @ k, N @ k
-    model = coefficients.model
-    size = n + 1 + (model == "ngf")
-    C, B = np.zeros((size, size), dtype=complex), np.zeros((size, size))
-    B[:n, :n] = np.eye(n)
-    C[:n, :n] = -square * np.eye(n)
-    root = np.sqrt(2.0)
-    if model == "ngf":
-        C[:n, n] = 1j * (-k + root * mu * Nk)
-        C[:n, n + 1] = -1j * root * mu * Nk
-        C[n + 1, n] = 0.5
-        C[n + 1, :n] = 1j * root / mu * (1.0 - nu) / nu * Nk
-        C[n + 1, n + 1] = -1.0 / nu - xi_square * square
+    square, Nk, root = k @ k, N @ k, np.sqrt(2.0)
+    L = convection * gradient + np.zeros((n, n))
+    C = -square * np.eye(n) - L + 0.0j
+    if coefficients.model == "ngf":
+        stress = 1j * (-k + root * mu * Nk)             # of P
+        weakening = -1j * root * mu * Nk                # of g
+        # (1/nu + xi^2 k^2) g = flow.v + P/2
+        flow = 1j * root / mu * (1.0 - nu) / nu * Nk
+        C += np.outer(weakening, flow) / (1.0 / nu + xi_square * square)
+        stress = stress + weakening * 0.5 / (1.0 / nu + xi_square * square)
     else:
-        non_local = square if model == "ig" else 0.0
-        C[:n, n] = 1j * (-k + root * mu * (1.0 - nu / 2.0 - non_local / 2.0) * Nk)
-        C[:n, :n] += 2.0 * (1.0 - nu - non_local) * np.outer(Nk, Nk)
-    C[n, :n] = 1j * k
-    if gradient is not None:
-        # Eliminate P by the kept constraint, the rest by hand: k.(C v + p P) = c (L^T k).v.
-        C[:n, :n] -= convection * gradient
-        if model == "ngf":
-            share = -C[n + 1, :] / C[n + 1, n + 1]
-            C[:n, :n] += np.outer(C[:n, n + 1], share[:n])
-            C[:n, n] += C[:n, n + 1] * share[n]
-        row = (convection * gradient.T @ k - k @ C[:n, :n]) / (k @ C[:n, n])
-        A = C[:n, :n] + np.outer(C[:n, n], row)
-        basis = waves.transverse_basis(k)
-        return np.linalg.eigvals(basis @ A @ basis.T)
-    # Shift and invert turns the infinite eigenvalues of the constraints into zeros.
-    shift = 0.37 * square + 1.0
-    inverse = np.linalg.eigvals(np.linalg.solve(C - shift * B, B))
-    finite = np.sort(np.abs(inverse))[-(n - 1):].min() / 2.0
-    values = shift + 1.0 / inverse[np.abs(inverse) > finite]
-    return np.sort(values.real)[::-1][:n - 1]
+        non_local = square if coefficients.model == "ig" else 0.0
+        stress = 1j * (-k + root * mu * (1.0 - nu / 2.0 - non_local / 2.0) * Nk)
+        C += 2.0 * (1.0 - nu - non_local) * np.outer(Nk, Nk)
+    # P from the constraint: k.(C v + stress P) = (L^T k).v
+    A = C + np.outer(stress, L.T @ k - k @ C) / (k @ stress)
+    basis = waves.transverse_basis(k)
+    return np.linalg.eigvals(basis @ A @ basis.T)
 
 
 def test_pure_shear_form_is_the_tensor():
@@ -142,7 +125,7 @@ def test_numbers_of_the_paper():
 
 
 @pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("I0", [1e-4, 1e-3, 0.01, 0.012])
+@pytest.mark.parametrize("I0", [1e-4, 0.012])
 def test_cutoff_and_fastest_mode_are_extrema_over_wave_vectors(name, I0):
     coefficients = Coefficients.of(LAWS[name], "ngf", I0)
     k_cut, (size, rate, m) = waves.cutoff(coefficients), waves.fastest(coefficients)
@@ -154,8 +137,7 @@ def test_cutoff_and_fastest_mode_are_extrema_over_wave_vectors(name, I0):
 
     assert largest(k_cut * (1.0 - 1e-4)) > 0.0 > largest(k_cut * (1.0 + 1e-4))
     assert largest(size) == pytest.approx(rate, rel=1e-5)
-    for other in (0.99, 1.01):
-        assert largest(size * other) < rate
+    assert max(largest(size * other) for other in (0.99, 1.01)) < rate
     best = angle[np.argmax(waves.growth_rates(size * direction, PURE, coefficients))]
     assert np.degrees(best) == pytest.approx(waves.direction_angle(m, PURE), abs=0.02)
 
@@ -174,9 +156,7 @@ def test_extrema_in_three_dimensions_lie_in_the_extreme_principal_plane():
         assert (waves.growth_rates(1.001 * k_cut * directions, N, coefficients) < 0.0).all()
         size, rate, m = (float(part) for part in waves.fastest(coefficients, N))
         assert waves.growth_rates(size * directions, N, coefficients).max() <= rate
-        values, vectors = np.linalg.eigh(N)
-        weight = (m - values[0]) / (values[-1] - values[0])
-        k = size * (np.sqrt(weight) * vectors[:, -1] + np.sqrt(1.0 - weight) * vectors[:, 0])
+        k = size * waves.directions(m, N)[0]
         assert waves.growth_rates(k, N, coefficients)[0] == pytest.approx(rate, rel=1e-9)
 
 
@@ -189,9 +169,8 @@ def test_critical_inertial_numbers_bound_the_unstable_range(name, expected):
         below, above = (waves.cutoff(Coefficients.of(law, "ngf", I * (1.0 + e)))
                         for e in (-1e-7, 1e-7))
         assert (below > 0.0) != (above > 0.0)
-    # The paper reads 0.0158 for b I0 off its figure.
-    assert 0.9377 * waves.critical_inertial_numbers(LAWS["bingham"])[0] \
-        == pytest.approx(0.0158, rel=0.01)
+    if name == "bingham":  # the paper reads 0.0158 for b I0 off its figure
+        assert 0.9377 * critical[0] == pytest.approx(0.0158, rel=0.01)
 
 
 def test_growth_is_nan_where_the_denominator_vanishes_and_the_cutoff_beyond_3_19():
@@ -207,37 +186,13 @@ def test_growth_is_nan_where_the_denominator_vanishes_and_the_cutoff_beyond_3_19
         assert np.isnan(found[1])
 
 
-def test_amplitude_grows_at_the_growth_rate_and_decays_when_the_wave_vector_turns():
-    gradient, I0 = BASE_FLOWS["simple_shear"], 0.001
-    N = waves.flow_direction(gradient)
-    coefficients = Coefficients.of(LAWS["jop"], "ngf", I0)
-    number = 0.48**2 * 0.6 * I0**2 / float(coefficients.mu)
-    size = float(waves.fastest(coefficients)[0])
-    angle = np.radians(45.0 - 39.27)
-    k = size * np.array([np.cos(angle), np.sin(angle)])
-    first = waves.growth_rates(k, N, coefficients, number, gradient)[0].real
-    assert first > 0.0
-    early = 1e-3 / first
-    _, _, logarithm = turning.amplitude(k, N, coefficients, gradient, number, early)
-    assert logarithm[-1] == pytest.approx(1e-3, rel=0.05)
-    # Over shear times the wave vector turns away and the perturbation dies (Goddard & Lee 2017).
-    end = 1.0 / number
-    time, path, logarithm = turning.amplitude(k, N, coefficients, gradient, number, end)
-    np.testing.assert_allclose(path[-1], [k[0], k[1] - k[0]], rtol=1e-9)
-    peak, when = turning.largest_amplification(k, N, coefficients, gradient, number, end)
-    assert peak >= logarithm.max() and 5.0 < peak < 50.0 and 0.0 < when < end
-    assert logarithm[-1] < -1e3
-    assert turning.largest_amplification(k, N, coefficients, gradient, number,
-                                         1.5 * when)[0] == pytest.approx(peak, rel=1e-6)
-
-
 def test_amplitude_in_three_dimensions_solves_the_equation_of_the_wave():
     number, wide = 0.05, np.diag([0.5, -0.5, 0.0])
     coefficients, k = Coefficients.of(LAWS["bingham"], "ngf", 0.1), np.array([0.3, 0.2, 0.1])
     path = turning.turning_wave_vector(k, wide, number, np.array([10.0]))
     np.testing.assert_allclose(path[0], [k[0] * np.exp(-0.25), k[1] * np.exp(0.25), k[2]])
     N = waves.flow_direction(wide)
-    _, _, logarithm = turning.amplitude(k, N, coefficients, wide, number, 10.0)
+    _, logarithm = turning.amplitude(k, N, coefficients, wide, number, 10.0)
     v = waves.modes(k, N, coefficients, number, wide)[1][0].real
 
     def slope(t, v):
@@ -251,13 +206,10 @@ def test_amplitude_in_three_dimensions_solves_the_equation_of_the_wave():
 
 @pytest.mark.parametrize("arguments, message", [
     (["-wave_vector", "0,0"], "-wave_vector 0,0"),
-    (["-wave_vector", "1"], "-wave_vector 1: "),
     (["-cutoff", "-base_flow", "1,0,0,1"], "divergence"),
     (["-cutoff", "-base_flow", "1,0"], "-base_flow 1,0: "),
     (["-wave_vector", "1,1", "-amplification", "-end", "0"], "number > 0"),
-    (["-cutoff", "-pgran_mu_s", "0"], "-pgran_mu_s 0: "),
     (["-cutoff", "-pgran_law", "jop", "-pgran_mu_2", "0.2"], "-pgran_mu_2 0.2: must exceed"),
-    (["-cutoff", "-pgran_inertial_number", "-1"], "-pgran_inertial_number -1: "),
     (["-cutoff", "-pgran_model", "ig"], "model ig: its growth rate is unbounded"),
     (["-cutof"], "-cutof"),
     (["-json"], "-cutoff, -posedness or -specimen"),
@@ -266,10 +218,6 @@ def test_amplitude_in_three_dimensions_solves_the_equation_of_the_wave():
     (["-specimen", "-pgran_plates_slip", "false"], "-specimen: "),
     (["-wave_vector", "1,1", "-convection", "-pgran_model", "ngf_primitive"], "model "
      "ngf_primitive: the theory does not include convection"),
-    (["-wave_vector", "1,1", "-amplification", "-pgran_model", "ngf_primitive"], "model "
-     "ngf_primitive: the theory does not include convection"),
-    (["-wave_vector", "1,1", "-pgran_model", "ngf_primitive", "-pgran_relaxation_time", "0"],
-     "-pgran_relaxation_time 0: "),
     (["-specimen", "-pgran_case", "periodic"], "-pgran_case periodic"),
     (["-specimen", "-parity", "odd"], "-parity odd: "),
 ])
@@ -316,17 +264,10 @@ def test_command_accepts_any_base_flow_and_follows_the_turning_wave_vector(outpu
         "stress_ratio_limit"] == pytest.approx(np.sqrt(3.0) / 2.0)
 
 
-class Stiffer(Bingham):
-    """The Bingham law with half the cooperativity length."""
-
-    def inverse_length_squared(self, mu):
-        return tuple(4.0 * part for part in super().inverse_length_squared(mu))
-
-
-@pytest.mark.parametrize("I0", [0.0, 1e-9, 1e-3])
+@pytest.mark.parametrize("I0", [0.0, 1e-3])
 def test_theory_uses_the_cooperativity_length_of_the_law(I0):
     found = [float(waves.cutoff(Coefficients.of(kind(0.3819, 0.9377), "ngf", I0)))
-             for kind in (Bingham, Stiffer)]
+             for kind in (Bingham, Shorter)]
     assert found[1] == pytest.approx(2.0 * found[0], rel=1e-7)
 
 
@@ -336,15 +277,6 @@ def test_spread_agrees_with_appendix_b_down_to_zero_inertial_number():
         mu, slope = law.stress_ratio(I)
         np.testing.assert_allclose(Coefficients.of(law, "ngf", I).spread, slope / (law.b * mu),
                                    rtol=3e-8)
-
-
-def test_a_law_without_yield_value_has_a_theory_of_li():
-    law = BarkerGray(0.3819, 0.6435, 0.279)
-    k = np.array([0.065, 0.053])
-    assert waves.growth_rates(k, PURE, Coefficients.of(law, "li", 1e-3))[0] < 0.0
-    assert waves.growth_rates(k, PURE, Coefficients.of(LAWS["jop"], "li", 1e-3))[0] > 0.0
-    with pytest.raises(ValueError, match="no cooperativity length"):
-        Coefficients.of(law, "ngf", 1e-3)
 
 
 @pytest.mark.parametrize("plane", [(0, 1), (1, 2), (0, 2)])
@@ -380,10 +312,6 @@ def test_convective_growth_is_given_for_all_and_for_incompressible_modes(output)
                       "-pgran_law", "jop", "-pgran_inertial_number", "1")
     assert found["growth_rate"] == pytest.approx(full, rel=1e-12)
     assert found["growth_rate_incompressible"] == pytest.approx(reduced, rel=1e-12)
-    # Without convection the additional mode decays at the rate |k|^2.
-    found = waves.tensor_growth_rates(k, PURE, coefficients)
-    assert found[0] == pytest.approx(waves.growth_rates(k, PURE, coefficients)[0], rel=1e-9)
-    assert found[1] == pytest.approx(-k @ k, rel=1e-9)
 
 
 def test_posedness_is_known_for_any_law(output):
@@ -471,22 +399,7 @@ def test_dynamic_growth_rates_agree_with_the_linearised_model(name, dimension):
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7 / t0)
 
 
-@pytest.mark.parametrize("t0", [1e-6, 1e-3, 0.1, 10.0])
-@pytest.mark.parametrize("name", LAWS)
-def test_relaxation_slows_growth_and_keeps_neutral_waves(name, t0):
-    k = np.random.default_rng(2).uniform(-0.2, 0.2, (2000, 2))
-    coefficients, _ = primitive(LAWS[name], 1e-3, t0)
-    steady = Coefficients.of(LAWS[name], "ngf", 1e-3)
-    found, expected = (waves.growth_rates(k, PURE, c)[:, 0] for c in (coefficients, steady))
-    assert np.isrealobj(waves.growth_rates(k, PURE, coefficients))
-    assert ((found > 0.0) == (expected > 0.0)).all() and (found > 0.0).any()
-    assert (found < expected)[found > 0.0].all()
-    assert waves.cutoff(coefficients) == waves.cutoff(steady)
-    assert waves.unstable_directions(coefficients) == waves.unstable_directions(steady)
-
-
-@pytest.mark.parametrize("I0", [1e-4, 1e-3, 0.01])
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name, I0", [("bingham", 1e-3), ("jop", 0.01)])
 def test_fastest_dynamic_wave_is_the_maximum_over_wave_vectors(name, I0):
     angle = np.radians(np.linspace(0.0, 90.0, 1801))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -501,17 +414,11 @@ def test_fastest_dynamic_wave_is_the_maximum_over_wave_vectors(name, I0):
                                 size * np.linspace(0.98, 1.02, 21)])
         others = waves.growth_rates(sizes[:, None, None] * direction, PURE, coefficients)[..., 0]
         assert rate * (1.0 - 1e-4) < others.max() <= rate * (1.0 + 1e-9)
-        for e in (0.999, 1.001):
-            assert waves.growth_rates(e * best, PURE, coefficients).max() < rate
-    steady = waves.fastest(Coefficients.of(LAWS[name], "ngf", I0))
-    np.testing.assert_allclose(waves.fastest(primitive(LAWS[name], I0, 1e-14)[0]), steady,
-                               rtol=1e-3)
     # Inertial numbers and relaxation times broadcast against each other.
     many = Coefficients.of(LAWS[name], "ngf_primitive", np.array([[I0], [0.1]]),
                            np.array([1e2, coefficients.relaxation, 1e8]))
     rates = waves.fastest(many)[1]
-    assert rates.shape == (2, 3) and np.isnan(rates[1]).all()
-    assert rates[0, 1] == pytest.approx(rate, rel=1e-9)
+    assert np.isnan(rates[1]).all() and rates[0, 1] == pytest.approx(rate, rel=1e-9)
 
 
 def test_command_knows_dynamic_ngf(output):

@@ -1,7 +1,7 @@
 """Cases, which are flow problems. A new case is one new file, in this package or elsewhere.
 
-A case is a class that derives from `Case`. `read` resolves options, and `create` returns the case
-that they describe.
+A case derives from `Case`. `read` resolves options, and `create` returns the case that they
+describe.
 """
 
 import copyreg
@@ -48,65 +48,47 @@ class Case(ABC):
     count along x1 and x2, or along the curves that `coordinates` defines, and may lie beyond the
     ends of a periodic grid. Lengths are in d, stresses in the stress unit of the case, and times in
     1/gdot0.
-
-    Parameters
-    ----------
-    parameters : pgran.options.Parameters
-        The resolved options.
-
-    Attributes
-    ----------
-    options : tuple of pgran.options.Option
-        Options of the case. They replace common options of the same name. `TIME` is added unless
-        the case has an option named snapshots.
-    periodic : tuple of bool
-        Whether the grid is periodic along i and along j.
-    moving : bool
-        Whether the mesh moves with the material. On a fixed mesh the flow rotates and advects the
-        stress, and inertia contains the convective acceleration (v.grad) v.
-    max_coarse_size : float
-        Largest mean side of an element of the coarsest multigrid level, over A d. Such elements
-        resolve the long-range coupling of velocity and fluidity. The default is a third of the
-        shortest growing wavelength (k A d = 0.1226).
-    max_coarse_elements : float
-        Largest number of elements of the coarsest level, whose matrix every rank may have to
-        factorise. Larger grids are coarsened further, regardless of `max_coarse_size`.
-    walls_of_local_fluidity : tuple of str
-        Sides where g = g_loc replaces the fluidity equation. Their ends must be periodic.
-    free_surfaces : tuple of str
-        Sides where the pressure vanishes. Close to them the fluidity source is integrated as a
-        function of the square root of the distance.
-    why_at_rest : str or None
-        Why nothing flows in this case, if this is known in advance.
-    base_gradient : ndarray, (2, 2)
-        Velocity gradient that is added to the gradient of the nodal velocity, gdot0.
-    stress_unit : str
-        Unit of stresses.
-    weight : tuple of float
-        Weight per volume (2,), stress/d.
-    fluidity_source : callable or None
-        ``fluidity_source(x)`` returns a source (...) of the fluidity equation at points ``x``
-        (2, ...), for verification. ``body_force`` returns (2, ...) in the same way.
-    observables : dict or tuple of str
-        Columns that `observe` adds to the history, as {name: unit}, where "stress" in a unit means
-        the stress unit of the case; or only names, for pure numbers.
-    progress_name : str
-        Name of what `progress` returns, and of the attribute of a snapshot that stores it.
     """
 
+    #: Options of the case, which replace common options of the same name. `TIME` is added unless
+    #: there is an option named snapshots.
     options = ()
+    #: Whether the grid is periodic along i and along j.
     periodic = False, False
+    #: Whether the mesh moves with the material. On a fixed mesh the flow rotates and advects the
+    #: stress, and inertia contains the convective acceleration (v.grad) v.
     moving = True
+    #: Largest mean side of an element of the coarsest multigrid level, over A d. Such elements
+    #: resolve the long-range coupling of velocity and fluidity. The default is a third of the
+    #: shortest growing wavelength (k A d = 0.1226).
     max_coarse_size = 17.0
+    #: Largest number of elements of the coarsest level, whose matrix every rank may have to
+    #: factorise. It has priority over `max_coarse_size`.
     max_coarse_elements = 300
+    #: Velocity gradient (2, 2) that is added to the gradient of the nodal velocity, gdot0.
     base_gradient = np.zeros((2, 2))
-    stress_unit = "stress"
+    #: Pressure of the reference flow, stress.
+    pressure = 1.0
+    #: Name of the stress unit, and its value in Pa or None.
+    stress_unit, stress_scale = "stress", None
+    #: Arguments of `pgran.theory.specimen.growth_rate`, or None if it does not apply.
+    specimen = None
+    #: Weight per volume (2,), stress/d.
     weight = 0.0, 0.0
+    #: A function of points (2, ...) that returns a source (...) of the fluidity equation, for
+    #: verification, or None.
     fluidity_source = None
+    #: Sides where g = g_loc replaces the fluidity equation. Their ends must be periodic.
     walls_of_local_fluidity = ()
+    #: Sides where the pressure vanishes. Close to them the fluidity source is integrated as a
+    #: function of the square root of the distance.
     free_surfaces = ()
+    #: Why nothing flows in this case, if this is known in advance.
     why_at_rest = None
+    #: Columns that `observe` adds to the history, as {name: unit}, where "stress" in a unit means
+    #: ``stress_unit``; or only names, for pure numbers.
     observables = ()
+    #: Name of what `progress` returns, and of the attribute of a snapshot that stores it.
     progress_name = "time"
 
     def __init_subclass__(cls, **more):
@@ -122,7 +104,7 @@ class Case(ABC):
     def resolve(cls, parameters, names):
         """Complete and check ``parameters``; ``names`` are the options that the user has set.
 
-        By default the snapshots end with ``end_time``. Raises `pgran.options.ParameterError`.
+        By default the snapshots end with ``end_time``.
         """
         parameters.snapshots = reached(parameters.snapshots, parameters.end_time)
 
@@ -133,10 +115,7 @@ class Case(ABC):
 
     @classmethod
     def with_wave(cls, parameters, k):
-        """Return the parameters of a periodic cell for the wave vector ``k`` (2,), 1/d.
-
-        None, the default, means that the case is not a periodic cell of homogeneous flow.
-        """
+        """Return the parameters of a periodic cell for the wave vector ``k`` (2,), 1/d, or None."""
         return None
 
     # Units and reference flow
@@ -152,11 +131,6 @@ class Case(ABC):
         return float(self.law.stress_ratio(np.asarray(self.parameters.inertial_number))[0])
 
     @property
-    def pressure(self):
-        """Pressure of the reference flow, stress."""
-        return 1.0
-
-    @property
     def fluidity(self):
         """Fluidity of the reference flow, gdot0."""
         return 1.0 / self.stress_ratio
@@ -168,30 +142,13 @@ class Case(ABC):
         return Material(self.law, p.part("model").of(p), self.inertial_time, self.pressure,
                         self.stress_ratio, p.phi, p.shear_modulus)
 
-    @property
-    def stress_scale(self):
-        """The stress unit in Pa, or None if it is not set."""
-        return None
-
     def scales(self):
-        """Return the SI scales that the options determine, {name: value}.
-
-        Length d (m), the stress unit (Pa), and the time 1/gdot0 (s).
-        """
+        """Return the SI scales that the options determine: d (m), stress (Pa), and 1/gdot0 (s)."""
         d, density = self.parameters.grain_diameter, self.parameters.grain_density
-        found = {}
-        if d:
-            found["scale_length"] = d
-        if self.stress_scale:
-            found["scale_stress"] = self.stress_scale
+        found = {"scale_length": d, "scale_stress": self.stress_scale}
         if d and density and self.stress_scale:
             found["scale_time"] = d * np.sqrt(density / self.stress_scale) / self.inertial_time
-        return found
-
-    @property
-    def specimen(self):
-        """Arguments of `pgran.theory.specimen.growth_rate`, or None if it does not apply."""
-        return None
+        return {name: value for name, value in found.items() if value}
 
     # Mesh
 
@@ -220,10 +177,7 @@ class Case(ABC):
 
     @property
     def period(self):
-        """Change of the initial coordinates over one period along i and along j, (2, 2), d.
-
-        A row is zero if the grid is not periodic in its direction.
-        """
+        """Change of the initial coordinates over one period along i and j, or zero, (2, 2), d."""
         found = np.zeros((2, 2))
         for axis, wrap in enumerate(self.periodic):
             if wrap:
@@ -234,10 +188,7 @@ class Case(ABC):
         return found
 
     def elements_along(self, name):
-        """Return the number of elements of side ``element_size`` along the length ``name``.
-
-        Raises `pgran.options.ParameterError` if the length is not an integer multiple.
-        """
+        """Return the number of elements of side ``element_size`` along the length ``name``."""
         size, side = getattr(self.parameters, name), self.parameters.element_size
         if size / side > MAX_ELEMENTS:
             raise ParameterError(name, f"{size:g}", f"requires {size / side:.3g} elements of "
@@ -273,20 +224,14 @@ class Case(ABC):
 
     @property
     def body_force(self):
-        """A function that returns b (2, ...) of (2.2), stress/d, at points (2, ...), or None.
-
-        b is `weight` plus ``-pgran_body_force``.
-        """
+        """A function that returns b (2, ...) of (2.2), stress/d, at points (2, ...), or None."""
         force = np.add(self.parameters.body_force, self.weight)
         if not force.any():
             return None
         return lambda x: np.reshape(force, (2,) + (1,) * (x.ndim - 1))
 
     def nodes_outside(self, time, x, i, j):
-        """Return which nodes have left the domain, (n,) bool, and a text that says how, or None.
-
-        ``x`` (2, n) are the positions of the nodes ``i``, ``j`` (n,) at a time.
-        """
+        """Return which nodes at ``x`` (2, n) have left the domain, and how, or None."""
         return None
 
     def yield_factor(self, i, j):
@@ -360,21 +305,12 @@ copyreg.pickle(options.Parameters, _pickled)
 
 
 def read(texts, stored=False):
-    """Return the resolved `pgran.options.Parameters` of a case with its law and model.
-
-    See `pgran.options.read` for the arguments and the errors.
-    """
+    """Return the resolved parameters of a case with its law and model, see `pgran.options.read`."""
     return options.read(texts, KINDS, stored)
 
 
 def create(parameters):
-    """Return the case of resolved parameters.
-
-    Raises
-    ------
-    ParameterError
-        If the parameters are inconsistent, or a user-defined case has no valid `Case.shape`.
-    """
+    """Return the case of resolved parameters; `ParameterError` if they are inconsistent."""
     case = parameters.part("case")(parameters)
     name, shape = parameters.case, case.shape
     if not (len(shape) == 2 and all(isinstance(n, (int, np.integer)) and n > 0 for n in shape)):
@@ -386,7 +322,7 @@ def create(parameters):
 
 
 def reached(targets, end):
-    """Return the ``targets`` before the ``end``, without duplicates up to rounding, and it."""
+    """Return the ``targets`` before the ``end``, without duplicates up to rounding, and the end."""
     found = [end]
     for target in sorted(targets or (), reverse=True):
         if target < found[-1] * (1.0 - ROUNDING):
@@ -417,26 +353,21 @@ class PureShear(Case):
 
     @classmethod
     def resolve(cls, parameters, names):
-        """Set the default height."""
-        if parameters.height is None:
+        if not parameters.height:
             parameters.height = 3.0 * parameters.width
 
     @classmethod
     def homogeneous(cls, parameters):
-        """Return the parameters without imperfection."""
         return parameters.replace(imperfection=1.0)
 
     @property
     def inertial_time(self):
-        """sqrt(d^2 rho_s) = I0 sqrt(P0), in sqrt(|sigma_1|)/gdot0."""
         return self.parameters.inertial_number * np.sqrt(self.pressure)
 
     @property
     def pressure(self):
-        """P0, in |sigma_1|."""
         return 1.0 / (1.0 - self.stress_ratio)
 
     @property
     def stress_scale(self):
-        """|sigma_1| in Pa, or None."""
         return self.parameters.lateral_stress

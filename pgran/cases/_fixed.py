@@ -38,10 +38,7 @@ def options(wall_fluidity="natural", element_size=0.5):
 class FixedMesh(Case):
     """A steady or transient flow of width and height on a fixed mesh.
 
-    Attributes
-    ----------
-    walls : tuple of str
-        Sides where ``wall_fluidity`` holds.
+    ``walls`` are the sides where the option ``wall_fluidity`` holds.
     """
 
     moving = False
@@ -52,24 +49,18 @@ class FixedMesh(Case):
 
     @property
     def shape(self):
-        """Number of elements along x1 and x2."""
         return self.elements_along("width"), self.elements_along("height")
 
     @property
     def weight(self):
-        """Weight per volume (2,), stress/d."""
         return 0.0, -getattr(self.parameters, "gravity", 0.0)
 
     def start(self, x):
-        """Return velocity (2, n), fluidity (n,) and pressure (n,) at the start of a run."""
         velocity, fluidity, pressure = super().start(x)
         return velocity * (self.parameters.start == "flow"), fluidity, pressure
 
     def profile(self):
-        """Return the `pgran.theory.profiles.Profile` of the steady flow.
-
-        Raises ValueError if there is no steady flow, NotImplementedError without such a theory.
-        """
+        """Return the `pgran.theory.profiles.Profile` of the steady flow."""
         raise NotImplementedError(f"{type(self).__name__} has no profile")
 
     @property
@@ -79,7 +70,7 @@ class FixedMesh(Case):
         return self.law, self.material.model.theory, p.A, p.inertial_number
 
     def along(self, x):
-        """Return the profile coordinate (...) of points (2, ...), and two unit vectors (2, ...).
+        """Return the profile coordinate (...) of points (2, ...) and unit vectors (2, ...).
 
         The first vector points along the flow, the second one along the profile.
         """
@@ -88,18 +79,17 @@ class FixedMesh(Case):
     def steady(self, profile, x):
         """Return velocity (2, ...), fluidity, pressure and deviator (3, ...) of a profile.
 
-        ``x`` (2, ...) are points, d. The deviator is a shear stress of size mu P between the two
-        directions of `along`.
+        The deviator is a shear stress of size mu P between the two directions of `along`.
         """
         position, (e1, e2), (n1, n2) = self.along(x)
         P = profile.pressure(position)
-        shear = profile.sense * profile.stress_ratio(position) * P
+        # Where mu > 0 the velocity increases along the profile, but decreases in a ring.
+        shear = (-1.0 if profile.flow.ring else 1.0) * profile.stress_ratio(position) * P
         return (profile.velocity(position) * np.array([e1, e2]), profile.fluidity(position), P,
                 shear * np.array([2.0 * e1 * n1, 2.0 * e2 * n2, e1 * n2 + e2 * n1]))
 
     @property
     def walls_of_local_fluidity(self):
-        """Sides where g = g_loc."""
         return self.walls if self.parameters.wall_fluidity == "local" else ()
 
     def on(self, side, i, j):
@@ -108,7 +98,6 @@ class FixedMesh(Case):
         return {"left": i == 0, "right": i == 2 * nx, "bottom": j == 0, "top": j == 2 * ny}[side]
 
     def prescribed_fluidity(self, time, i, j):
-        """Return zero at walls with ``wall_fluidity`` zero; NaN where free, (n,)."""
         values = super().prescribed_fluidity(time, i, j)
         if self.parameters.wall_fluidity == "zero":
             for side in self.walls:
@@ -136,7 +125,7 @@ class FixedMesh(Case):
         """Raise `ParameterError` if the law has no steady flow under a load.
 
         ``largest`` is the stress ratio due to the load ``value``, and ``allowed(limit)`` the load
-        at the limit of the law. With inertia the flow would accelerate without limit.
+        at the limit of the law.
         """
         limit = self.law.limit
         if largest >= limit * (1.0 - ROUNDING):
@@ -152,17 +141,14 @@ class Layer(FixedMesh):
     periodic = True, False
 
     def along(self, x):
-        """Return the height (...) of points (2, ...), and the directions of x1 and x2."""
         one, zero = np.ones_like(x[0]), np.zeros_like(x[0])
         return x[1], np.array([one, zero]), np.array([zero, one])
 
     def coordinates(self, i, j):
-        """Return the coordinates (2, n) of nodes, d."""
         return np.array([i * self.parameters.element_size / 2.0,
                          self.graded(j, self.shape[1], self.parameters.height)])
 
     def prescribed_velocity(self, time, i, j):
-        """Return zero at the base; NaN where free, (2, n)."""
         values = super().prescribed_velocity(time, i, j)
         values[:, self.on("bottom", i, j)] = 0.0
         return values

@@ -47,18 +47,15 @@ class AnnularShear(_fixed.FixedMesh):
 
     @property
     def shape(self):
-        """Number of elements around the ring and across it."""
         return self._around, self._across
 
     def coordinates(self, i, j):
-        """Return the coordinates (2, n) of nodes, d."""
         p = self.parameters
         r = p.inner_radius + self.graded(j, self._across, p.outer_radius - p.inner_radius)
         angle = -np.pi * (i % (2 * self._around)) / self._around
         return r * np.array([np.cos(angle), np.sin(angle)])
 
     def prescribed_velocity(self, time, i, j):
-        """Return the velocities (2, n) of both walls."""
         values = super().prescribed_velocity(time, i, j)
         inner = self.on("bottom", i, j)
         x = self.coordinates(i, j)
@@ -67,7 +64,6 @@ class AnnularShear(_fixed.FixedMesh):
         return values
 
     def prescribed_pressure(self, time, i, j):
-        """Return P_w at one corner of the outer wall."""
         nx, ny = self.shape
         return np.where((i % nx == 0) & (j == ny), 1.0, np.nan)
 
@@ -88,7 +84,6 @@ class AnnularShear(_fixed.FixedMesh):
                                       self.material.bulk_density if p.inertia else 0.0)
 
     def along(self, x):
-        """Return the radius (...) of points (2, ...), and the directions around and outward."""
         r = np.hypot(*x)
         return r, np.array([-x[1], x[0]]) / r, x / r
 

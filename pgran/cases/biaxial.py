@@ -3,8 +3,7 @@
 The bottom has v2 = 0, and its left corner also v1 = 0. The top moves down at v2 = D2 H exp(D2 t)
 and slides freely. The lateral faces carry the normal stress sigma_1 = -1, which follows the
 deformed normal. The fluidity has no flux through any face. The imperfection, a square with a lower
-yield value, is the element to the upper right of the centre; options change its size and side.
-Another option makes the plates rough.
+yield value, is the element to the upper right of the centre.
 """
 
 from functools import cached_property
@@ -42,7 +41,6 @@ class Biaxial(PureShear):
 
     @classmethod
     def resolve(cls, parameters, names):
-        """Set height and end, and refuse options of a missing imperfection."""
         super().resolve(parameters, names)
         parameters.snapshots = reached(parameters.snapshots, parameters.compression)
         for name in ("imperfection_size", "imperfection_mirrored"):
@@ -52,13 +50,11 @@ class Biaxial(PureShear):
 
     @classmethod
     def homogeneous(cls, parameters):
-        """Return the parameters without imperfection."""
         return parameters.replace(imperfection=1.0, imperfection_size=None,
                                   imperfection_mirrored=False)
 
     @property
     def specimen(self):
-        """Arguments of `pgran.theory.specimen.growth_rate`, or None for rough plates."""
         p, material = self.parameters, self.material
         if not p.plates_slip or material.model.theory not in specimen.MODELS:
             return None
@@ -69,7 +65,6 @@ class Biaxial(PureShear):
 
     @cached_property
     def shape(self):
-        """Number of elements along x1 and x2; `ParameterError` if the imperfection is too large."""
         shape = self.elements_along("width"), self.elements_along("height")
         maximum = min(n - n // 2 for n in shape)
         if self.parameters.imperfection != 1.0 and self.weak_elements > maximum:
@@ -80,17 +75,14 @@ class Biaxial(PureShear):
 
     @cached_property
     def weak_elements(self):
-        """Number of elements along a side of the imperfection."""
-        return (1 if self.parameters.imperfection_size is None
-                else self.elements_along("imperfection_size"))
+        size = self.parameters.imperfection_size
+        return self.elements_along("imperfection_size") if size else 1
 
     def coordinates(self, i, j):
-        """Return the initial coordinates (2, n) of nodes, d."""
         half = self.parameters.element_size / 2.0
         return np.array([i * half, j * half])
 
     def prescribed_velocity(self, time, i, j):
-        """Return the velocities (2, n) of plates and pinned corner; NaN where free."""
         values = super().prescribed_velocity(time, i, j)
         values[1, j == 0] = 0.0
         values[0, (i == 0) & (j == 0)] = 0.0
@@ -102,27 +94,22 @@ class Biaxial(PureShear):
         return values
 
     def nodes_outside(self, time, x, i, j):
-        """Return which nodes between the plates have reached a plate, (n,) bool, and the text."""
         top = self.parameters.height * (1.0 - self.progress(time))
         free = (j > 0) & (j < 2 * self.shape[1])
         return free & ((x[1] <= 0.0) | (x[1] >= top)), "a free face reaches a plate"
 
     def tractions(self, time):
-        """Return the lateral stress on both faces."""
         return {"left": pressure(1.0), "right": pressure(1.0)}
 
     def start(self, x):
-        """Return the reference flow without fluidity, with the lateral stress as pressure."""
-        velocity, fluidity, pressure = self.reference(x)
-        return velocity, np.zeros_like(fluidity), np.ones_like(pressure)
+        velocity, fluidity, _ = super().start(x)
+        return velocity, fluidity, np.ones_like(fluidity)  # the lateral stress
 
     def reference(self, x):
-        """Return homogeneous compression, v = (x1/2, -x2/2), with g0 and P0."""
         _, fluidity, pressure = super().reference(x)
         return np.array([0.5 * x[0], -0.5 * x[1]]), fluidity, pressure
 
     def yield_factor(self, i, j):
-        """Return mu_s of elements over its nominal value, (n,)."""
         nx, ny = self.shape
         if self.parameters.imperfection_mirrored:
             i = nx - 1 - i
@@ -131,15 +118,12 @@ class Biaxial(PureShear):
         return np.where(weak, self.parameters.imperfection, 1.0)
 
     def progress(self, time):
-        """Return the compression 1 - h/H, h = H exp(D2 t)."""
         return 1.0 - np.exp(-0.5 * time)
 
     def time_of(self, progress):
-        """Return the time of a compression."""
         return -2.0 * np.log(1.0 - progress)
 
     def label(self, time):
-        """Return the compression as text."""
         return f"{100 * self.progress(time):.4g} % compression"
 
     def observe(self, flow):

@@ -37,10 +37,9 @@ class InclinedPlane(_fixed.Layer):
 
     @property
     def why_at_rest(self):
-        """Why nothing flows, or None."""
         p = self.parameters
         static = self.static(f"the slope of {p.slope:g} degrees", np.tan(self._angle))
-        if static is None and self.material.model.theory == "ngf_primitive" \
+        if not static and self.material.model.theory == "ngf_primitive" \
                 and p.wall_fluidity == "zero":
             least = profiles.stopping_height(self.law, p.A, p.slope)
             if p.height <= least:
@@ -55,18 +54,15 @@ class InclinedPlane(_fixed.Layer):
 
     @property
     def weight(self):
-        """Weight per volume (2,), (sin, -cos) of the slope."""
         return np.sin(self._angle), -np.cos(self._angle)
 
     def reference(self, x):
-        """Return the flow of uniform fluidity, v1' = g tan(slope), with hydrostatic pressure."""
         _, fluidity, _ = super().reference(x)
         speed = self.fluidity * np.tan(self._angle) * x[1]
         return (np.array([speed, 0.0 * speed]), fluidity,
                 np.cos(self._angle) * (self.parameters.height - x[1]))
 
     def profile(self):
-        """Return the steady profile over the height above the base."""
         p = self.parameters
         return profiles.inclined_plane(*self.rheology, p.height, p.slope, p.wall_fluidity)
 

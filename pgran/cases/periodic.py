@@ -27,29 +27,24 @@ class Periodic(PureShear):
 
     @classmethod
     def resolve(cls, parameters, names):
-        """Set the default height, and the end as the last snapshot."""
         super().resolve(parameters, names)
         super(PureShear, cls).resolve(parameters, names)
 
     @classmethod
     def with_wave(cls, parameters, k):
-        """Return the parameters of a cell of one wavelength of ``k`` (2,), 1/d, per direction."""
         width, height = 2.0 * np.pi / np.abs(k)
         return parameters.replace(width=float(width), height=float(height))
 
     @property
     def shape(self):
-        """Number of elements along x1 and x2."""
         return (self.parameters.cell_elements,) * 2
 
     def coordinates(self, i, j):
-        """Return the initial coordinates (2, n) of nodes, d."""
         nx, ny = self.shape
         p = self.parameters
         return np.array([i * p.width / (2 * nx), j * p.height / (2 * ny)])
 
     def prescribed_velocity(self, time, i, j):
-        """Return zero at one node without inertia; NaN where free."""
         values = super().prescribed_velocity(time, i, j)
         if not self.parameters.inertia:
             nx, ny = self.shape
@@ -57,12 +52,10 @@ class Periodic(PureShear):
         return values
 
     def prescribed_pressure(self, time, i, j):
-        """Return P0 at one corner."""
         nx, ny = self.shape
         return np.where((i % nx == 0) & (j % ny == 0), self.pressure, np.nan)
 
     def yield_factor(self, i, j):
-        """Return mu_s of elements over its nominal value, (n,)."""
         nx, ny = self.shape
         return np.where((i % nx == nx // 2) & (j % ny == ny // 2),
                         self.parameters.imperfection, 1.0)

@@ -29,17 +29,14 @@ class PlanarShear(_fixed.Layer):
     observables = {"shear_stress": "stress"}
 
     def prescribed_velocity(self, time, i, j):
-        """Return the velocities (2, n) of the plates; the top one is free along x2."""
         values = super().prescribed_velocity(time, i, j)
         values[0, self.on("top", i, j)] = self.parameters.height
         return values
 
     def tractions(self, time):
-        """Return the pressure of the top plate."""
         return {"top": pressure(1.0)}
 
     def reference(self, x):
-        """Return the flow of uniform fluidity: v1' = g tau/P with the hydrostatic pressure P."""
         p = self.parameters
         P = 1.0 + p.gravity * (p.height - x[1])
         speed, rate = x[1], 1.0
@@ -51,7 +48,6 @@ class PlanarShear(_fixed.Layer):
         return np.array([speed, 0.0 * speed]), fluidity, P
 
     def profile(self):
-        """Return the steady profile over the height; its constant is the shear stress."""
         p = self.parameters
         return profiles.planar_shear(*self.rheology, p.height, p.gravity, p.wall_fluidity)
 

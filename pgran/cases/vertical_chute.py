@@ -40,39 +40,32 @@ class VerticalChute(_fixed.FixedMesh):
 
     @property
     def why_at_rest(self):
-        """Why nothing flows, or None."""
         return self.static("the wall, gravity W/2,", self.wall_ratio)
 
     def coordinates(self, i, j):
-        """Return the coordinates (2, n) of nodes, d."""
         return np.array([self.graded(i, self.shape[0], self.parameters.width),
                          j * self.parameters.element_size / 2.0])
 
     def prescribed_velocity(self, time, i, j):
-        """Return the velocities (2, n) of the walls; the right one is free along x1."""
         values = super().prescribed_velocity(time, i, j)
         values[:, self.on("left", i, j)] = 0.0
         values[1, self.on("right", i, j)] = 0.0
         return values
 
     def tractions(self, time):
-        """Return the pressure of the right wall."""
         return {"right": pressure(1.0)}
 
     def reference(self, x):
-        """Return the flow of uniform fluidity: v2' = g gravity (x1 - W/2)."""
         p = self.parameters
         _, fluidity, level = super().reference(x)
         speed = 0.5 * self.fluidity * p.gravity * x[0] * (p.width - x[0])
         return np.array([0.0 * speed, -speed]), fluidity, level
 
     def profile(self):
-        """Return the steady profile over x1; its velocity points down."""
         p = self.parameters
         return profiles.vertical_chute(*self.rheology, p.width, p.gravity, p.wall_fluidity)
 
     def along(self, x):
-        """Return x1 (...) of points (2, ...), and the directions of -x2 and x1."""
         one, zero = np.ones_like(x[0]), np.zeros_like(x[0])
         return x[0], np.array([zero, -one]), np.array([one, zero])
 

@@ -1,4 +1,4 @@
-"""Constitutive response at a point: laws, models and elasticity; numpy only."""
+"""Constitutive response at a point: laws, models and elasticity; numpy and scipy only."""
 
 from dataclasses import dataclass
 
@@ -16,20 +16,8 @@ MODELS = Component("model", "pgran.material.models", Model)
 class Material:
     """The rheology of a flow in the units of its case.
 
-    Attributes
-    ----------
-    law : pgran.material.laws.Law
-    model : pgran.material.models.Model
-    inertial_time : float
-        sqrt(d^2 rho_s) in sqrt(stress)/gdot0, the inertial time of the grains at unit pressure.
-    pressure : float
-        Pressure of the reference flow, stress.
-    stress_ratio : float
-        mu_loc of the reference flow.
-    phi : float
-        Solid volume fraction.
-    G : float
-        Elastic shear modulus, stress.
+    ``inertial_time`` is sqrt(d^2 rho_s) in sqrt(stress)/gdot0. ``pressure`` and ``stress_ratio``
+    (mu_loc) belong to the reference flow. ``G`` is the elastic shear modulus, stress.
     """
 
     law: object

@@ -20,11 +20,8 @@ def rotate(stress, angle):
 def stress_rate(dt, stress, previous_dt=None, previous=None):
     """Return the factor f and the stress S of d(sigma')/dt = f (sigma' - S)/dt.
 
-    The scheme is BDF2 with variable steps, and backward Euler in the first step.
-
-    ``dt`` and ``previous_dt`` are the sizes of this step and the previous one (None in the first
-    step), 1/gdot0. ``stress`` and ``previous`` are the deviators (3, ...) one and two steps ago,
-    rotated with the material.
+    The scheme is BDF2 with variable steps, and backward Euler in the first step. ``stress`` and
+    ``previous`` are the deviators (3, ...) one and two steps ago, rotated with the material.
     """
     if previous_dt is None:
         return 1.0, stress
@@ -34,11 +31,9 @@ def stress_rate(dt, stress, previous_dt=None, previous=None):
 
 
 def strain_fields(velocity_gradient, deformation_gradient=None):
-    """Return strain rate, spin, strain and volume change, {name: ndarray}.
+    """Return strain rate sym L (3, ...), spin (L21 - L12)/2, strain and det F - 1, {name: ndarray}.
 
-    From L_ij = d v_i/d x_j (2, 2, ...), gdot0: ``strain_rate_tensor`` (3, ...), sym L, and ``spin``
-    (...), (L21 - L12)/2. From F_ij = d x_i/d X_j (2, 2, ...) since the start, if given:
-    ``strain_tensor`` (3, ...), see `logarithmic_strain`, and ``volume_change`` (...), det F - 1.
+    L_ij = d v_i/d x_j and F_ij = d x_i/d X_j, since the start, have the shape (2, 2, ...).
     """
     (l11, l12), (l21, l22) = velocity_gradient
     found = {"strain_rate_tensor": np.array([l11, l22, (l12 + l21) / 2.0]),

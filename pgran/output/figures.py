@@ -111,7 +111,7 @@ def fig2():
     filled = left.contourf(rise, ratio, np.where(k_cut > 0.0, k_cut, np.nan),
                            levels=np.linspace(0.0, 1.0, 11), cmap="viridis", extend="max")
     # Where the growth rate of long waves changes sign.
-    left.contour(rise, ratio, waves.long_wave_excess(Coefficients.of(law, "li", ratio * law.I_0)),
+    left.contour(rise, ratio, waves.long_wave_excess(law, ratio * law.I_0),
                  levels=[0.0], colors="black")
     left.set(yscale="log", xlabel=r"$\mu_2 - \mu_s$", ylabel=r"$I^0/I_0$",
              title=r"(a) $\tilde k_{cut}$")

@@ -35,12 +35,7 @@ HALVINGS = 4
 class Panels:
     """Piecewise polynomials between ``ends`` (m + 1,), with ``n`` points in each of m panels.
 
-    Attributes
-    ----------
-    x : ndarray, (m, n)
-        The points; neighbouring panels share one.
-    D : ndarray, (m, n, n)
-        Derivative matrices.
+    ``x`` (m, n) are the points, and ``D`` (m, n, n) the derivative matrices.
     """
 
     def __init__(self, ends, n):
@@ -70,21 +65,12 @@ class Panels:
 
 @dataclass
 class StressProfile:
-    """Stress ratio, pressure and boundaries of a flow.
+    """Stress ratio ``mu`` and pressure ``P`` at positions (...), and boundaries of a flow.
 
-    Attributes
-    ----------
-    mu, P : callable
-        Stress ratio, whose sign is the sign of the shear rate, and pressure at positions (...).
-    ends : ndarray
-        Ends of panels.
-    wall : str
-        Fluidity at walls: natural, zero or local.
-    ring : bool
-        Whether x is the radius of a ring.
-    depth : float or None
-        Height H of a flow with a free surface. The panels are then in u = sqrt(H - x): the surface
-        is the left end and the base is the right end.
+    The sign of mu is the sign of the shear rate. ``ends`` are ends of panels, ``wall`` is the
+    fluidity at walls (natural, zero or local), and in a ``ring`` x is the radius. ``depth`` is the
+    height H of a flow with a free surface. The panels are then in u = sqrt(H - x): the surface is
+    the left end and the base is the right end.
     """
 
     mu: object
@@ -104,12 +90,8 @@ class StressProfile:
 class Profile:
     """A steady flow; its functions take positions (...), d.
 
-    Attributes
-    ----------
-    constant : float or None
-        tau_w (planar shear) or mu_i (annulus).
-    error : float
-        Larger of the estimated errors of g and v over their maxima.
+    ``constant`` is tau_w (planar shear) or mu_i (annulus), and ``error`` the larger of the
+    estimated errors of g and v over their maxima.
     """
 
     panels: Panels
@@ -118,11 +100,6 @@ class Profile:
     flow: StressProfile
     constant: object
     error: float
-
-    @property
-    def sense(self):
-        """Sign of the velocity gradient where mu > 0: 1, and -1 in a ring."""
-        return -1.0 if self.flow.ring else 1.0
 
     def velocity(self, x):
         """Return the speed along the flow, d gdot0."""
@@ -151,14 +128,13 @@ class Rheology:
         self._halvings = 0
 
     def refined(self, find):
-        """Return the `Profile` ``find()`` on panels that are halved until it is accurate.
+        """Return the `Profile` ``find(self)`` on panels that are halved until it is accurate.
 
-        Refinement ends early where rounding dominates, as just above a stopping height. Raises
-        ValueError if the error of the best profile exceeds `LARGEST`.
+        Refinement ends early where rounding dominates, as just above a stopping height.
         """
         best = None
         for self._halvings in range(HALVINGS + 1):
-            found = find()
+            found = find(self)
             if best is not None and found.error > best.error:
                 break
             best = found
@@ -255,10 +231,7 @@ class Rheology:
         return Profile(fine, *more, flow, constant, max(errors))
 
     def driven(self, make, speed):
-        """Return the `Profile` with a given wall speed; ``make(mu)`` is the flow for a largest mu.
-
-        Raises ValueError if the law does not allow the speed.
-        """
+        """Return the `Profile` with a given wall speed; ``make(mu)`` makes a flow of largest mu."""
         span = min(self.law.limit, 1e3) - self.law.yield_ratio
 
         def mu(position):
@@ -281,7 +254,7 @@ class Rheology:
 
 
 def _split(start, end, cuts=()):
-    """Ends of panels from ``start`` to ``end``, which include the ``cuts`` between them."""
+    """Ends of panels from ``start`` to ``end``, including the ``cuts`` between them."""
     inner = [cut for cut in cuts if start + 1e-12 * end < cut < end * (1.0 - 1e-12)]
     stops = np.unique([start, *inner, end])
     parts = [np.linspace(a, b, 1 + max(1, int(np.ceil((b - a) / LONGEST))))
@@ -290,8 +263,7 @@ def _split(start, end, cuts=()):
 
 
 def _root(function, low, high):
-    """The root between ``low`` and ``high``, to rounding."""
-    from scipy.optimize import brentq  # slow to import, and only profiles need it
+    from scipy.optimize import brentq  # slow to import
 
     return brentq(function, low, high, xtol=1e-15, rtol=4.0 * np.finfo(float).eps)
 
@@ -305,8 +277,7 @@ def planar_shear(law, model, A, I0, height, gravity=0.0, wall="natural"):
         cuts = [height - (tau / law.yield_ratio - 1.0) / gravity] if gravity else []
         return StressProfile(lambda x: tau / P(x), P, _split(0.0, height, cuts), wall)
 
-    rheology = Rheology(law, model, A, I0)
-    return rheology.refined(lambda: rheology.driven(make, height))
+    return Rheology(law, model, A, I0).refined(lambda rheology: rheology.driven(make, height))
 
 
 def vertical_chute(law, model, A, I0, width, gravity, wall="natural"):
@@ -315,18 +286,15 @@ def vertical_chute(law, model, A, I0, width, gravity, wall="natural"):
     cuts = [width / 2.0 - reach, width / 2.0, width / 2.0 + reach]
     flow = StressProfile(lambda x: gravity * (width / 2.0 - x), np.ones_like,
                          _split(0.0, width, cuts), wall)
-    rheology = Rheology(law, model, A, I0)
-    return rheology.refined(lambda: rheology.profile(flow))
+    return Rheology(law, model, A, I0).refined(lambda rheology: rheology.profile(flow))
 
 
 def annular_shear(law, model, A, I0, inner, outer, wall="natural", density=0.0):
     """Return the `Profile` of the ring over the radius; its constant is mu_i.
 
     With a ``density`` phi I0^2 the pressure is P_w minus the integral of density v^2/r from r to
-    the outer wall. P and v are then found in turn. Raises ValueError if they do not converge.
+    the outer wall. P and v are then found in turn.
     """
-    if not outer > inner:
-        raise ValueError(f"outer radius {outer:g}: must exceed the inner radius {inner:g}")
     pressure, found = np.ones_like, None
     rheology = Rheology(law, model, A, I0)
 
@@ -341,7 +309,7 @@ def annular_shear(law, model, A, I0, inner, outer, wall="natural", density=0.0):
         return StressProfile(mu, pressure, _split(inner, outer, [cut]), wall, True)
 
     for _ in range(60):
-        previous, found = found, rheology.refined(lambda: rheology.driven(make, inner))
+        previous, found = found, rheology.refined(lambda one: one.driven(make, inner))
         if not density or previous and abs(found.constant - previous.constant) < 1e-13:
             return found
         panels = found.panels
@@ -360,8 +328,7 @@ def inclined_plane(law, model, A, I0, height, slope, wall="zero"):
                          "limit")
     flow = StressProfile(lambda u: np.full_like(u, mu), lambda u: np.cos(angle) * u**2,
                          np.sqrt(_split(0.0, height)), wall, depth=height)
-    rheology = Rheology(law, model, A, I0)
-    return rheology.refined(lambda: rheology.profile(flow))
+    return Rheology(law, model, A, I0).refined(lambda rheology: rheology.profile(flow))
 
 
 def stopping_height(law, A, slope):

@@ -29,7 +29,7 @@ move along the plates. If a solver holds a corner, r is the same without inertia
 corner couples the waves and changes r.
 
 The solutions are exponentials exp(+-sqrt(q) x1). With lengths in 1/k and m = 1/(1 + r eta0/G),
-the amplitudes (v1,1, P', eta0 g') are (2 q, N, F/(m mu)) with
+the amplitudes of v1,1 and eta0 g' are 2 q and F/(m mu) with
 
     W = m eta0 [(1 + eta0/G) q + 1 - eta0/G],       R+- = phi rho_s (r +- 1/2)
     N = (q - 1) W - R- q - R+,                      F = 2 q (2 m eta0 - W + R-) + (1 + m mu) N
@@ -67,47 +67,27 @@ TRUST = 0.01
 
 @dataclass(frozen=True)
 class Specimen:
-    """A specimen and a wave, the arguments of `growth_rate`, `mode` and `column_growth_rate`.
-
-    Attributes
-    ----------
-    law : pgran.material.laws.Law
-        It provides `stress_ratio` and, for both forms of NGF, ``inverse_length_squared``.
-    model : str
-        One of `MODELS`.
-    inertial_number : float
-        I0 of the homogeneous flow.
-    width, height : float
-        L and H, d.
-    half_waves : int
-        Number n of half waves over the height: k = n pi/H.
-    parity : str
-        One of `PARITIES`.
-    amplitude : float
-        Non-local amplitude A.
-    density : float
-        phi rho_s = phi I0^2 P0, |sigma_1|/(d gdot0)^2; 0 for quasi-static flow.
-    shear_modulus : float or None
-        G, |sigma_1|; None or infinity for a rigid-viscous material.
-    relaxation_time : float or None
-        t0 of ngf_primitive, 1/gdot0; None for other models.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of bounds.
-    """
+    """A specimen and a wave, the arguments of `growth_rate` and `column_growth_rate`."""
 
     law: object
+    #: One of `MODELS`.
     model: str
+    #: I0 of the homogeneous flow.
     inertial_number: float
+    #: L and H, d.
     width: float
     height: float
+    #: Number n of half waves over the height.
     half_waves: int = 1
+    #: One of `PARITIES`.
     parity: str = "sway"
+    #: Non-local amplitude A.
     amplitude: float = 0.48
+    #: phi rho_s = phi I0^2 P0, |sigma_1|/(d gdot0)^2; 0 for quasi-static flow.
     density: float = 0.0
-    shear_modulus: object = None
+    #: G, |sigma_1|; infinite for a rigid-viscous material.
+    shear_modulus: float = np.inf
+    #: t0 of ngf_primitive, 1/gdot0; None for other models.
     relaxation_time: object = None
 
     def __post_init__(self):
@@ -115,13 +95,9 @@ class Specimen:
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name} {getattr(self, name)}: expected one of: "
                                  f"{', '.join(choices)}")
-        for name in ("inertial_number", "width", "height", "amplitude"):
+        for name in ("inertial_number", "width", "height", "amplitude", "half_waves"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} {getattr(self, name)}: must be a number > 0")
-        if self.half_waves < 1 or self.half_waves != int(self.half_waves):
-            raise ValueError(f"half_waves {self.half_waves}: must be an integer >= 1")
-        if not 0.0 <= self.density < np.inf:
-            raise ValueError(f"density {self.density}: must be a number >= 0")
         check_relaxation_time(self.model, self.relaxation_time)
         where = f"inertial_number {self.inertial_number}"
         if not 0.0 < self.mu < 1.0:
@@ -130,10 +106,10 @@ class Specimen:
         if not 0.0 < self.slope < np.inf:
             raise ValueError(f"{where}: mu_loc'(I0) is {self.slope:.4g}; the theory requires a "
                              "number > 0")
-        if self.shear_modulus is not None and not self.shear_modulus > self.viscosity:
+        if not self.shear_modulus > self.viscosity:
             # With the Jaumann rate, elastic waves along x2 then have no real speed.
             raise ValueError(f"shear_modulus {self.shear_modulus}: must be a number > mu P0 = "
-                             f"{self.viscosity:.4g}, or None")
+                             f"{self.viscosity:.4g}")
 
     @property
     def mu(self):
@@ -159,95 +135,29 @@ class Specimen:
 def growth_rate(law, model, **specimen):
     """Return the growth rate of one sine wave along the specimen.
 
-    Rigid-viscous quasi-static flow has one growth rate per wave and parity. Inertia, elasticity
-    and t0 add more; the result is the one with the largest real part. Chebyshev collocation finds
-    all of them, and the exact solution corrects the largest one. Without inertia, elastic stress
-    also relaxes in arbitrarily short waves, at rates that accumulate at -(1 - mu) G/(mu P0); these
-    rates are ignored.
-
-    Parameters
-    ----------
-    law, model, **specimen
-        Attributes of `Specimen`.
-
-    Returns
-    -------
-    float or complex
-        r, gdot0; complex, with a positive imaginary part, if the mode oscillates.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of bounds, or the specimen buckles elastically.
-    RuntimeError
-        If the exact solution does not confirm the growth rate of the collocation.
+    The arguments are attributes of `Specimen`. Rigid-viscous quasi-static flow has one growth rate
+    per wave and parity. Inertia, elasticity and t0 add more; the result is the one with the largest
+    real part. Chebyshev collocation finds all of them, and the exact solution corrects the largest
+    one. Without inertia, elastic stress also relaxes in arbitrarily short waves, at rates that
+    accumulate at -(1 - mu) G/(mu P0); these rates are ignored. The result r, gdot0, is complex,
+    with a positive imaginary part, if the mode oscillates. ValueError if an argument is out of
+    bounds, or the specimen buckles elastically.
     """
     return _Across(Specimen(law, model, **specimen)).growth_rate()
-
-
-@dataclass(frozen=True)
-class Mode:
-    """A mode across the specimen, for a right face that is displaced by cos(k x2) times 1 d.
-
-    Attributes
-    ----------
-    growth_rate : float or complex
-        r, gdot0.
-    velocity : ndarray, (2, ...)
-        Factors of cos(k x2) in v1 and of sin(k x2) in v2, d gdot0, at fixed points.
-    pressure, fluidity : ndarray, (...)
-        Factors of cos(k x2) in P', |sigma_1|, and in g', gdot0, at fixed points.
-    """
-
-    growth_rate: object
-    velocity: np.ndarray
-    pressure: np.ndarray
-    fluidity: np.ndarray
-
-
-def mode(x1, law, model, **specimen):
-    """Return the `Mode` with the growth rate of `growth_rate`, which states the errors.
-
-    Parameters
-    ----------
-    x1 : ndarray
-        Distances from the middle of the specimen, between -L/2 and L/2, d.
-    law, model, **specimen
-        Attributes of `Specimen`.
-
-    """
-    across = _Across(Specimen(law, model, **specimen))
-    x1, k = np.asarray(x1, dtype=float), across.k
-    if not (np.abs(x1) * k <= across.half * (1.0 + 1e-12)).all():
-        raise ValueError("x1: must be numbers between -L/2 and L/2")
-    r = across.growth_rate()
-    fields = across.fields(r, x1 * k)
-    v1, v2, P, g = fields if np.iscomplexobj(r) else fields.real
-    return Mode(r, np.array([v1, v2]), k * P, k * g / across.viscosity)
 
 
 def column_growth_rate(law, model, **specimen):
     """Return the growth rate of the specimen as a creeping column that sways.
 
-    The column bends in ``half_waves`` n half sine waves, k = n pi/H. The plates press with N
-    beyond the lateral stress, and E is the tangent viscosity of the axial stress::
+    The arguments are attributes of `Specimen`; parity and shear modulus have no effect. The plates
+    press with N beyond the lateral stress, and E is the tangent viscosity of the axial stress::
 
         phi rho_s L r^2 + E (L^3/12) k^4 r - N k^2 = 0,    N = (|sigma_2| - |sigma_1|) L = 2 mu P0 L
         E = 4 M P0^2/|sigma_1|,    M = I0 mu_loc'(I0) + A^2 d^2 (12/L^2 + k^2) + t0 r
 
     In NGF a fluidity that varies across the width ends at faces without flux, in layers of
     thickness A d/sqrt(mu). These layers add 12/L^2 to bending; LI has no such term. t0 delays
-    growth as inertia does. The formula is accurate for H >= 3 L.
-
-    Parameters
-    ----------
-    law, model, **specimen
-        Attributes of `Specimen`, which raises ValueError. Parity and shear modulus have no effect.
-
-    Returns
-    -------
-    float
-        The positive root r, gdot0.
+    growth as inertia does. The result, the positive root r in gdot0, is accurate for H >= 3 L.
     """
     p = Specimen(law, model, **specimen)
     P, L, k, M = 1.0 / (1.0 - p.mu), p.width, p.wave_number, p.inertial_number * p.slope
@@ -260,12 +170,7 @@ def column_growth_rate(law, model, **specimen):
 
 
 class _Across:
-    """The linear system across a `Specimen`, with lengths in 1/k.
-
-    mu, viscosity, beta are mu, eta0 and mu/(I0 mu_loc'(I0)) - 1; spread is xi^2 k^2 (None for LI);
-    relaxation is t0 over A^2 d^2/xi^2; density is phi rho_s/k^2; softness is eta0/G (0 is rigid);
-    half is k L/2.
-    """
+    """The linear system across a `Specimen`, with lengths in 1/k: density is phi rho_s/k^2."""
 
     def __init__(self, p):
         self.k, self.mu, self.viscosity = p.wave_number, p.mu, p.viscosity
@@ -273,15 +178,15 @@ class _Across:
         self.spread, self.relaxation = None, 0.0
         if p.model != "li":
             inverse = float(inverse_length_squared(p.law, np.asarray(p.mu))[0])
-            self.spread = (p.amplitude * self.k)**2 / inverse
+            self.spread = (p.amplitude * self.k)**2 / inverse  # xi^2 k^2
             self.relaxation = (p.relaxation_time or 0.0) / inverse
         self.density = p.density / self.k**2
-        self.softness = 0.0 if p.shear_modulus is None else p.viscosity / p.shear_modulus
+        self.softness = p.viscosity / p.shear_modulus
         self.half = self.k * p.width / 2.0
         self.sways = p.parity == "sway"
 
     def polynomials(self, r):
-        """W, W + R+, N, F/(m mu) and the characteristic polynomial in q, ascending."""
+        """W, W + R+, F/(m mu) and the characteristic polynomial in q, ascending."""
         m = 1.0 / (1.0 + self.softness * r)
         viscosity, local = m * self.viscosity, m * self.mu
         above, below = self.density * (r + 0.5), self.density * (r - 0.5)
@@ -297,52 +202,34 @@ class _Across:
             characteristic = polynomial.polysub(
                 characteristic, polynomial.polymul(
                     [-self.spread - self.relaxation * r, self.spread], F))
-        return W, polynomial.polyadd(W, [above]), N, F / local, characteristic
+        return W, polynomial.polyadd(W, [above]), F / local, characteristic
 
-    def blocks(self, r, x):
-        """Solutions of the parity at positions ``x`` (...), and at the face.
+    def response(self, r):
+        """Growth rate v1/zeta + 1/2 of a face, for disturbances with the growth rate r.
 
-        For each block of roots: the amplitudes of v1, v2, P', eta0 g' at ``x`` (4, ..., size), and
-        of sigma_11, sigma_12, eta0 g',1 and v1 at the face (4, size). A common factor prevents the
-        overflow of exponentials.
+        The solutions are scaled by a common factor, which prevents the overflow of exponentials.
         """
-        W, normal, N, F, characteristic = self.polynomials(r)
-        found = []
+        W, normal, F, characteristic = self.polynomials(r)
+        blocks = []
         for roots in _blocks(_roots(characteristic), self.half):
             # The first row of a function of this matrix consists of the divided differences of
             # the function at the roots. They remain independent where roots coincide.
             K = np.diag(roots) + np.diag(np.ones(len(roots) - 1), 1) / self.half**2
-            normal_K, W_K, N_K, F_K = (_polynomial_of(part, K) for part in (normal, W, N, F))
-            # Solutions proportional to v1,1 and to v1, at the face and at x.
-            rate, v1 = self._waves(K, np.asarray(self.half))
-            rate_x, v1_x = self._waves(K, x)
-            face = [2.0 * normal_K @ rate, -2.0 * W_K @ v1, F_K @ v1, 2.0 * v1]
-            inner = [2.0 * v1_x, -2.0 * K @ rate_x, N_K @ rate_x, F_K @ rate_x]
-            found.append(tuple(np.array([part[..., 0, :] for part in parts])
-                               for parts in (inner, face)))
-        return found
-
-    def _waves(self, K, x):
-        """Functions of K, (..., size, size), proportional to v1,1/q and to v1."""
-        cosh, sinh = _cosh_sinh(K, x, self.half)
-        return (sinh, cosh) if self.sways else (cosh, K @ sinh)
-
-    def fields(self, r, x):
-        """v1, v2, P' and eta0 g' at ``x`` (...) for a face displaced by 1, (4, ...)."""
-        blocks = self.blocks(r, x)
-        face = np.concatenate([part for _, part in blocks], axis=1)
-        conditions = face[[0, 1]] if self.spread is None else face[:3]
+            cosh, sinh = _cosh_sinh(K, self.half)
+            # Solutions proportional to v1,1/q and to v1 at the face.
+            rate, v1 = (sinh, cosh) if self.sways else (cosh, K @ sinh)
+            normal_K, W_K, F_K = (_polynomial_of(part, K) for part in (normal, W, F))
+            blocks.append([part[0] for part in (
+                2.0 * normal_K @ rate, -2.0 * W_K @ v1, F_K @ v1, 2.0 * v1)])
+        face = np.concatenate(blocks, axis=1)  # sigma_11, sigma_12, eta0 g',1 and v1
+        conditions = face[:2] if self.spread is None else face[:3]
         columns = np.abs(conditions).max(axis=0)
         conditions = conditions / columns
         rows = np.abs(conditions).max(axis=1)
         load = np.zeros(len(rows))
         load[1] = 2.0 * self.viscosity  # -2 mu P0 zeta,2 = 2 mu P0 sin(x2)
         weights = np.linalg.solve(conditions / rows[:, None], load / rows) / columns
-        return np.concatenate([part for part, _ in blocks], axis=-1) @ weights
-
-    def response(self, r):
-        """Growth rate v1/zeta + 1/2 of a face, for disturbances with the growth rate r."""
-        return self.fields(r, np.asarray(self.half))[0] + 0.5
+        return (face @ weights)[3] + 0.5
 
     def growth_rate(self):
         """Return r, see the function `growth_rate`."""
@@ -405,16 +292,15 @@ class _Across:
         mu, eta, softness, X = self.mu, self.viscosity, self.softness, self.half
         positions = np.append(np.cos((np.arange(count) + 0.5) * np.pi / (2 * count)), 1.0)
         points, face = slice(0, count), slice(count, count + 1)
-        even = {"v1": self.sways, "normal": not self.sways, "shear": self.sways,
-                "deviator": not self.sways}
         sizes = {"v1": count, "normal": count + 1, "shear": count + 1, "deviator": count}
         if self.spread is not None:
-            even["fluidity"], sizes["fluidity"] = not self.sways, count + 1
+            sizes["fluidity"] = count + 1
         starts = dict(zip(sizes, np.cumsum([0, *sizes.values()])))
         total = sum(sizes.values()) + 1  # the last unknown is the displacement of the face
         tables = {}
         for name, size in sizes.items():
-            series = np.eye(2 * size)[:, (0 if even[name] else 1)::2]
+            even = self.sways == (name in ("v1", "shear"))
+            series = np.eye(2 * size)[:, (0 if even else 1)::2]
             tables[name] = [chebyshev.chebval(positions, chebyshev.chebder(series, m)).T / X**m
                             for m in range(3)]
         left, right = [], []
@@ -502,13 +388,13 @@ def _polynomial_of(coefficients, K):
     return value
 
 
-def _cosh_sinh(K, x, half):
-    """cosh(sqrt(K) x) and sinh(sqrt(K) x)/sqrt(K), (..., size, size), times exp(-fastest half).
+def _cosh_sinh(K, half):
+    """cosh(sqrt(K) half) and sinh(sqrt(K) half)/sqrt(K) times exp(-fastest half).
 
-    They are blocks of the exponential of x [[0, 1], [K, 0]], for an upper triangular K.
+    They are blocks of the exponential of half [[0, 1], [K, 0]], for an upper triangular K.
     """
-    size, x = len(K), np.asarray(x, dtype=float)[..., None, None]
-    fastest, one = np.sqrt(np.diag(K)).real.max(), np.eye(len(K))
-    generator = np.block([[0.0 * one, one], [K, 0.0 * one]])
-    found = expm(x * generator - fastest * half * np.eye(2 * size))
-    return found[..., :size, :size], found[..., :size, size:]
+    size, zero = len(K), np.zeros_like(K)
+    fastest = np.sqrt(np.diag(K)).real.max()
+    generator = np.block([[zero, np.eye(size)], [K, zero]])
+    found = expm(half * generator - fastest * half * np.eye(2 * size))
+    return found[:size, :size], found[:size, size:]

@@ -18,31 +18,11 @@ def turning_wave_vector(k, gradient, convection, time):
 
 
 def amplitude(k, N, coefficients, gradient, convection, end):
-    """Return the history of the fastest perturbation, the solution of dv/dt = A(k(t)) v (A 4).
+    """Return times (m,) and ln |v| (m,) of the fastest perturbation, with dv/dt = A(k(t)) v (A 4).
 
-    Parameters
-    ----------
-    k : ndarray, (n,)
-        Wave vector at time 0.
-    N, coefficients, convection
-        As for `pgran.theory.waves.growth_rates`.
-    gradient : ndarray, (n, n)
-        L0/gdot0.
-    end : float
-        Dimensionless time of the end.
-
-    Returns
-    -------
-    time : ndarray, (m,)
-    k : ndarray, (m, n)
-    logarithm : ndarray, (m,)
-        ln |v|; v(0) is the first mode of `pgran.theory.waves.modes`, with |v(0)| = 1. The times
-        include all maxima.
-
-    Raises
-    ------
-    ValueError
-        If the integration fails.
+    k (n,) is the wave vector at time 0, ``gradient`` is L0/gdot0, and ``end`` is the last time.
+    The other arguments are those of `pgran.theory.waves.growth_rates`. v(0) is the first mode
+    there, with |v(0)| = 1. The times include all maxima. ValueError if the integration fails.
     """
     k = np.asarray(k, dtype=float)
     _, vectors = waves.modes(k, N, coefficients, convection, gradient)
@@ -67,11 +47,4 @@ def amplitude(k, N, coefficients, gradient, convection, end):
     time = np.append(found.t, found.t_events[0])
     logarithm = np.append(found.y[-1], [state[-1] for state in found.y_events[0]])
     order = np.argsort(time, kind="stable")
-    time, logarithm = time[order], logarithm[order]
-    return time, turning_wave_vector(k, gradient, convection, time), logarithm
-
-
-def largest_amplification(k, N, coefficients, gradient, convection, end):
-    """Return the largest ln(|v|/|v(0)|) up to the time ``end``, and its dimensionless time."""
-    time, _, logarithm = amplitude(k, N, coefficients, gradient, convection, end)
-    return float(logarithm.max()), float(time[np.argmax(logarithm)])
+    return time[order], logarithm[order]

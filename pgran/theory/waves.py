@@ -35,18 +35,10 @@ ITERATIONS, BISECTIONS = 8, 42
 
 @dataclass(frozen=True)
 class Coefficients:
-    """mu_loc(I0), nu of (3.6) and nu xi^2/(A d)^2 at inertial numbers of the base state.
+    """mu_loc(I0), nu of (3.6) and the spread nu xi^2/(A d)^2 at inertial numbers of the base state.
 
-    Attributes
-    ----------
-    model : str
-        One of `MODELS`.
-    mu, nu, spread : ndarray
-        Arrays with the shape of the inertial numbers. ``spread`` is finite at I0 = 0 (appendix B),
-        and NaN for LI and IG.
-    relaxation : ndarray or float
-        T, the time t0 of dynamic NGF in the units of growth rates: t0 times `viscous_rate`. It is
-        0 for other models.
+    ``spread`` is finite at I0 = 0 (appendix B), and NaN for LI and IG. ``relaxation`` is T, the
+    time t0 of dynamic NGF times `viscous_rate`, and 0 for other models.
     """
 
     model: str
@@ -57,11 +49,9 @@ class Coefficients:
 
     @classmethod
     def of(cls, law, model, I0, relaxation=None):
-        """Return the coefficients of a law at inertial numbers.
+        """Return the coefficients of a `Law` for one of `MODELS` at inertial numbers (...).
 
-        ``law`` is a `pgran.material.laws.Law`, ``model`` one of `MODELS`, ``I0`` >= 0 (...), and
-        ``relaxation`` T > 0, only for ngf_primitive. Raises ValueError for other values, and for
-        NGF if the law has no cooperativity length.
+        Raises ValueError for a wrong argument, or if NGF lacks a cooperativity length.
         """
         if model not in MODELS:
             raise ValueError(f"model {model}: there is no linear theory; expected one of: "
@@ -82,10 +72,7 @@ class Coefficients:
 
     @classmethod
     def of_run(cls, parameters):
-        """Return the coefficients of the reference flow of `pgran.options.Parameters`.
-
-        Raises ValueError as `of` does, and if the model has no linear theory.
-        """
+        """Return the coefficients of the reference flow of `pgran.options.Parameters`, as `of`."""
         p, model = parameters, parameters.part("model")
         if model.theory is None:
             raise ValueError(f"the model {p.model} has no linear theory")
@@ -109,17 +96,13 @@ class Coefficients:
 def viscous_rate(mu, A, phi, I0):
     """Return eta0/(A^2 d^2 phi rho_s gdot0) = mu_loc/(A^2 phi I0^2).
 
-    The paper's growth rates times this number are in units of gdot0. Its inverse is the
-    coefficient of convection in (A 7).
+    Dimensionless growth rates times this number are in units of gdot0.
     """
     return mu / (A**2 * phi * np.square(I0))
 
 
 def flow_direction(gradient):
-    """Return N (n, n), the strain rate over its norm, for a velocity gradient L0 (n, n).
-
-    Raises `ValueError` if L0 is not square or not finite, has divergence or does not deform.
-    """
+    """Return N (n, n), the strain rate over its norm, for a velocity gradient L0 (n, n)."""
     gradient = np.asarray(gradient, dtype=float)
     where = f"base flow {gradient.tolist()}"
     if gradient.shape not in ((2, 2), (3, 3)) or not np.isfinite(gradient).all():
@@ -145,40 +128,16 @@ def limit_of_stress_ratio(N):
 
 # Growth rates of given wave vectors
 
-def _squares(k):
-    """|k|^2 (...) of wave vectors (..., n); raises `ValueError` for k = 0."""
-    square = (k * k).sum(axis=-1)
-    if not np.all(square > 0.0):
-        raise ValueError("wave vector: must not be the zero vector")
-    return square
-
-
 def tensor(k, N, r, q, convection=0.0, gradient=None):
     """Return A_ik of (3.16), and the denominator |k|^2 - sqrt(2) q k.N k over |k|^2.
 
-    Parameters
-    ----------
-    k : ndarray, (..., n)
-    N : ndarray, (n, n)
-    r, q : ndarray, (...)
-        `Coefficients.r_q` at |k|^2.
-    convection : float, optional
-        A^2 phi I0^2/mu_loc, the inverse of `viscous_rate`.
-    gradient : ndarray, (n, n), optional
-        L0/gdot0, for the tensor of (A 7).
-
-    Returns
-    -------
-    ndarray, ndarray
-        Shapes (..., n, n) and (...). The tensor is NaN where the denominator vanishes.
-
-    Raises
-    ------
-    ValueError
-        If k = 0.
+    ``k`` is (..., n) and ``N`` (n, n); ``r`` and ``q`` (...) are `Coefficients.r_q` at |k|^2. With
+    ``gradient`` L0/gdot0 (n, n) the result is the tensor of (A 7), where ``convection`` is the
+    inverse of `viscous_rate`. The shapes are (..., n, n) and (...), with NaN where the denominator
+    vanishes.
     """
     k = np.asarray(k, dtype=float)
-    square = _squares(k)
+    square = (k * k).sum(axis=-1)
     r, q = np.broadcast_arrays(r, q)
     Nk = k @ N
     kNk = (k * Nk).sum(axis=-1)
@@ -194,7 +153,7 @@ def tensor(k, N, r, q, convection=0.0, gradient=None):
     return result, denominator / square
 
 
-def _tensor(k, N, coefficients, convection, gradient):
+def _tensor(k, N, coefficients, convection=0.0, gradient=None):
     """`tensor` with the coefficients of a model other than ngf_primitive."""
     _no_relaxation(coefficients)
     return tensor(k, N, *coefficients.r_q((k * k).sum(axis=-1)), convection, gradient)[0]
@@ -211,24 +170,11 @@ def _eigen(matrices):
 
 
 def growth_rates(k, N, coefficients, convection=0.0, gradient=None):
-    """Return the growth rates of incompressible waves, largest real part first.
+    """Return the growth rates (..., n - 1) of incompressible waves, largest real part first.
 
-    Parameters
-    ----------
-    k, N, convection, gradient
-        As for `tensor`.
-    coefficients : Coefficients
-
-    Returns
-    -------
-    ndarray, (..., n - 1)
-        Eigenvalues of `tensor` on v.k = 0. They are real without convection, and NaN where the
-        denominator vanishes. For ngf_primitive (..., n): the fluidity adds one rate.
-
-    Raises
-    ------
-    ValueError
-        If k = 0, or for ngf_primitive with convection.
+    They are the eigenvalues of `tensor` on v.k = 0, and the other arguments are those of `tensor`.
+    They are real without convection, and NaN where the denominator vanishes. For ngf_primitive the
+    fluidity adds one rate, (..., n); with convection it raises ValueError.
     """
     if coefficients.model == "ngf_primitive" and gradient is None:
         return _relaxing_growth_rates(np.asarray(k, dtype=float), N, coefficients)
@@ -239,17 +185,13 @@ def tensor_growth_rates(k, N, coefficients, convection=0.0, gradient=None):
     """Return all eigenvalues (..., n) of `tensor`, largest real part first.
 
     With convection these are the growth rates of (A 7) in the paper. Their modes need not satisfy
-    v.k = 0, in contrast to `growth_rates`. Without convection the additional eigenvalue is
-    -|k|^2. Raises `ValueError` as `growth_rates`, and for ngf_primitive.
+    v.k = 0, in contrast to `growth_rates`. Without convection the additional eigenvalue is -|k|^2.
     """
     return _eigen(_tensor(np.asarray(k, float), N, coefficients, convection, gradient))[0]
 
 
 def modes(k, N, coefficients, convection=0.0, gradient=None):
-    """Return growth rates (..., n - 1) and velocity modes (..., n - 1, n), as `growth_rates`.
-
-    Raises `ValueError` for ngf_primitive.
-    """
+    """Return growth rates (..., n - 1) and velocity modes (..., n - 1, n), as `growth_rates`."""
     k = np.asarray(k, dtype=float)
     A = _tensor(k, N, coefficients, convection, gradient)
     basis = transverse_basis(k)
@@ -278,7 +220,7 @@ def _relaxing_growth_rates(k, N, coefficients):
 
     The rates are NaN where e vanishes. In 3D a velocity normal to k and N k has the rate -|k|^2.
     """
-    square = _squares(k)
+    square = (k * k).sum(axis=-1)
     Nk = k @ N
     m = (k * Nk).sum(axis=-1) / square
     height = np.maximum((Nk * Nk).sum(axis=-1) / square - m**2, 0.0)
@@ -291,11 +233,7 @@ def _relaxing_growth_rates(k, N, coefficients):
 
 
 def _relaxing_roots(square, m, height, coefficients):
-    """Both complex roots of this quadratic, larger one first; ``height`` is |P N k^|^2.
-
-    Within (3.19) no terms of opposite sign are added, except in the constant term, so the roots
-    lose no digits.
-    """
+    """Both complex roots of this quadratic, larger one first; ``height`` is |P N k^|^2."""
     mu, nu, S = coefficients.mu, coefficients.nu, coefficients.spread
     e, f = 1.0 - ROOT_2 * mu * m, mu * nu * m / ROOT_2
     e = np.where(np.abs(e) <= 1e-12, np.nan, e)
@@ -311,10 +249,7 @@ def _relaxing_roots(square, m, height, coefficients):
 
 
 def pure_shear_growth(k1, k2, coefficients):
-    """Return the growth rate (3.22) in pure shear, NaN where its denominator vanishes.
-
-    Raises `ValueError` for ngf_primitive.
-    """
+    """Return the growth rate (3.22) in pure shear, NaN where its denominator vanishes."""
     _no_relaxation(coefficients)
     square = k1**2 + k2**2
     r, q = coefficients.r_q(square)
@@ -325,13 +260,10 @@ def pure_shear_growth(k1, k2, coefficients):
 
 
 def asymptotic_tensor(k, N, coefficients):
-    """Return A_ik (..., n, n) for |k| -> infinity: (3.18) for NGF, (5.4) for IG.
-
-    Raises `ValueError` for ngf_primitive.
-    """
+    """Return A_ik (..., n, n) for |k| -> infinity: (3.18) for NGF, (5.4) for IG."""
     k = np.asarray(k, dtype=float)
     if coefficients.model == "li":
-        return _tensor(k, N, coefficients, 0.0, None)
+        return _tensor(k, N, coefficients)
     _no_relaxation(coefficients)
     square = (k * k).sum(axis=-1)
     identity = square[..., None, None] * np.eye(k.shape[-1])
@@ -344,8 +276,8 @@ def asymptotic_tensor(k, N, coefficients):
     return factor[..., None, None] * left[..., :, None] * Nk[..., None, :] - identity
 
 
-# Extrema over wave vectors (NGF, dynamic NGF and LI). m = k^.N k^ = centre + y lies between the
-# extreme principal values of N, whose half distance is ``reach``.
+# Extrema over wave vectors (not for IG): m = k^.N k^ = centre + y lies between the extreme
+# principal values of N, whose half distance is ``reach``.
 
 def _extremes(N):
     """Centre and half distance of the extreme principal values of N."""
@@ -358,17 +290,16 @@ def _within_limit(coefficients, N, values):
     return np.where(coefficients.mu < limit_of_stress_ratio(N), values, np.nan)
 
 
-def long_wave_excess(coefficients, N=PURE_SHEAR):
+def long_wave_excess(law, I, N=PURE_SHEAR):
     """Return `pgran.material.laws.ill_posedness`, positive where some long wave grows."""
-    return laws.ill_posedness(coefficients.mu, coefficients.nu, *_extremes(N))
+    return laws.ill_posedness(law, I, *_extremes(N))
 
 
 def cutoff(coefficients, N=PURE_SHEAR):
     """Return the cut-off wave number, 0 where all waves are stable, infinity for unstable LI.
 
     The largest root x of 8 r^2 reach^2 + q^2 = 4 r (1 - sqrt(2) q centre), where r and q are
-    linear in x, gives |k|^2 = (1/x - 1)/(nu xi^2). NaN where (3.19) is violated. Raises
-    `ValueError` for IG, which has no cut-off.
+    linear in x, gives |k|^2 = (1/x - 1)/(nu xi^2). NaN where (3.19) is violated.
     """
     _no_ig(coefficients)
     centre, reach = _extremes(N)
@@ -394,15 +325,11 @@ def _steady_ridge(square, coefficients, centre, reach, delay=0.0):
 
 
 def _ridge(square, coefficients, centre, reach):
-    """`_steady_ridge`, also for dynamic NGF, whose direction depends on the growth rate.
-
-    The direction and the growth rate are found in turn. An error of the direction changes the
-    growth rate in second order only, so convergence is quadratic.
-    """
+    """`_steady_ridge`, also for dynamic NGF, whose direction depends on the growth rate."""
     if coefficients.model != "ngf_primitive":
         return _steady_ridge(square, coefficients, centre, reach)
     rate = np.zeros_like(square)
-    for _ in range(ITERATIONS):
+    for _ in range(ITERATIONS):  # the error of the direction changes the rate in second order only
         _, y = _steady_ridge(square, coefficients, centre, reach, coefficients.relaxation * rate)
         rate = _relaxing_roots(square, centre + y, reach**2 - y**2, coefficients)[0].real
     return rate, y
@@ -414,7 +341,7 @@ def fastest(coefficients, N=PURE_SHEAR):
     Bisection finds where the largest growth over directions has no slope with respect to |k|^2.
     Dynamic NGF satisfies lambda = ridge(|k|^2, T lambda), where ridge falls with T lambda, so the
     slope at fixed T lambda is also zero at its maximum. NaN where all wave vectors are stable, and
-    for LI, whose growth is unbounded. Raises `ValueError` for IG.
+    for LI, whose growth is unbounded.
     """
     centre, reach = _extremes(N)
     top = np.asarray(cutoff(coefficients, N) + 0.0 * coefficients.relaxation)
@@ -437,7 +364,6 @@ def unstable_directions(coefficients, N=PURE_SHEAR):
 
     The bounds are roots of 2 r (reach^2 - y^2) - 1 + sqrt(2) q (centre + y). They hold for LI at
     any |k|, and the unstable directions of NGF lie between them. NaN where all waves are stable.
-    Raises `ValueError` for IG.
     """
     _no_ig(coefficients)
     centre, reach = _extremes(N)
@@ -452,7 +378,7 @@ def unstable_directions(coefficients, N=PURE_SHEAR):
 def directions(m, N):
     """Return the two unit wave vectors (2, n) with k^.N k^ = ``m`` between extreme principal axes.
 
-    They are mirror images with respect to these axes. ``m`` is a number and ``N`` is (n, n).
+    They are mirror images with respect to these axes.
     """
     values, vectors = np.linalg.eigh(N)
     share = np.clip((m - values[0]) / (values[-1] - values[0]), 0.0, 1.0)
@@ -468,40 +394,34 @@ def direction_angle(m, N):
     return angles.min(axis=-1).reshape(np.shape(m))
 
 
-def critical_inertial_numbers(law, I_range=(1e-6, 1e2), N=PURE_SHEAR):
+def critical_inertial_numbers(law, N=PURE_SHEAR):
     """Return the inertial numbers (m,) at which instability of any wave vector begins or ends.
 
-    They are the sign changes of `long_wave_excess` in ``I_range``, up to the bound of (3.19).
+    They are the sign changes of `long_wave_excess` up to the bound of (3.19).
     """
-    roots = laws.sign_changes(
-        lambda I: long_wave_excess(Coefficients.of(law, "li", I), N), *I_range)
+    roots = laws.sign_changes(lambda I: long_wave_excess(law, I, N), 1e-6, 1e2)
     return roots[law.stress_ratio(roots)[0] < limit_of_stress_ratio(N)]
 
 
-def ill_posed_ranges(law, I_range=(1e-12, 1e4)):
+def ill_posed_ranges(law):
     """Return the ranges (m, 2) of inertial numbers with ill-posed LI in plane flow.
 
-    C(I) of `pgran.material.laws.ill_posedness` is positive there. The first range begins at 0 if
-    C > 0 at the lower end of ``I_range``, and the last one ends at infinity if C > 0 at the upper
-    end.
+    C(I) of `pgran.material.laws.ill_posedness` is positive there. A range that reaches 1e-12 or 1e4
+    extends to 0 or infinity.
     """
-    def C(I):
-        return laws.ill_posedness(*laws.sensitivity(law, I))
-
-    edges = laws.sign_changes(C, *I_range)
-    low, high = (int(C(I) > 0.0) for I in I_range)
+    ends = 1e-12, 1e4
+    edges = laws.sign_changes(lambda I: laws.ill_posedness(law, I), *ends)
+    low, high = (int(laws.ill_posedness(law, I) > 0.0) for I in ends)
     return np.concatenate([[0.0] * low, edges, [np.inf] * high]).reshape(-1, 2)
 
 
 def _no_ig(coefficients):
-    """Raise `ValueError` for IG."""
     if coefficients.model == "ig":
         raise ValueError("model ig: its growth rate is unbounded, so there is no cut-off and no "
                          "fastest wave vector; expected one of: ngf, ngf_primitive, li")
 
 
 def _no_relaxation(coefficients):
-    """Raise `ValueError` for ngf_primitive."""
     if coefficients.model == "ngf_primitive":
         raise ValueError("model ngf_primitive: the theory does not include convection and turning "
                          "wave vectors; expected one of: ngf, li, ig")

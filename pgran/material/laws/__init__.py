@@ -1,7 +1,7 @@
 """Local laws mu_loc(I). A new law is one new file.
 
-A law is a class that derives from `Law`. Its functions take numpy arrays and return arrays of the
-same shape, together with their derivatives.
+A law derives from `Law`. Its functions take numpy arrays and return arrays of the same shape,
+together with their derivatives.
 """
 
 import dataclasses
@@ -27,25 +27,17 @@ class Law(ABC):
     A subclass must define `stress_ratio` and `inertial_number`. Non-local models also need
     ``inverse_length_squared(mu)``, which returns A^2 d^2/xi^2 of (2.8) and its derivative with
     respect to mu. Everything else has a default.
-
-    Attributes
-    ----------
-    options : tuple of pgran.options.Option
-        Options of the law. `of` passes their values to the constructor by name.
-    yield_ratio : float or ndarray
-        Largest stress ratio without local flow; 0 for a law without yield value.
     """
 
+    #: Options of the law, whose values `of` passes to the constructor by name.
     options = ()
+    #: Largest stress ratio without local flow; 0 for a law without yield value.
     yield_ratio = 0.0
     inverse_length_squared = None
 
     @classmethod
     def resolve(cls, parameters, names):
-        """Complete and check ``parameters``; ``names`` are the options that the user has set.
-
-        Raises `pgran.options.ParameterError`. The default does nothing.
-        """
+        """Complete and check ``parameters``; ``names`` are the options that the user has set."""
 
     @classmethod
     def of(cls, parameters):
@@ -76,18 +68,8 @@ class Law(ABC):
     def elastic_stress_ratio(self, gdot, s, compliance):
         """Solve s I_loc(mu) + compliance mu = gdot for mu > `yield_ratio`.
 
-        The default is Newton's method within a bracket, to rounding. A law may override it with a
-        closed form.
-
-        Parameters
-        ----------
-        gdot, s, compliance : ndarray
-            Shear rate, inverse inertial time of the grains, and theta P; arrays of one shape.
-
-        Returns
-        -------
-        ndarray
-            mu, NaN where there is no solution.
+        ``compliance`` is theta P. The result is NaN where there is no solution. The default is
+        Newton's method within a bracket, to rounding. A law may override it with a closed form.
         """
         gdot, s, compliance = np.broadcast_arrays(gdot, s, compliance)
         with np.errstate(all="ignore"):
@@ -108,26 +90,20 @@ class Law(ABC):
         return np.where(done, mu, np.nan)
 
 
-def ill_posedness(mu, nu, centre=0.0, reach=0.5**0.5):
+def ill_posedness(law, I, centre=0.0, reach=0.5**0.5):
     """Return q^2 + 8 r^2 reach^2 - 4 r (1 - sqrt(2) q centre), r = 1 - nu, q = mu (1 - nu/2).
 
     It is positive where some long wave grows. For LI waves of all lengths then grow, and the law
-    is ill-posed. In plane flow it is C(I) = 4 nu^2 - 4 nu + mu^2 (1 - nu/2)^2.
-
-    Parameters
-    ----------
-    mu, nu : ndarray
-        mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6), arrays of one shape.
-    centre, reach : float
-        Mean and half distance of the extreme principal values of N; the defaults are for plane
-        flow.
+    is ill-posed. ``centre`` and ``reach`` are mean and half distance of the extreme principal
+    values of N. In plane flow, the default, it is C(I) = 4 nu^2 - 4 nu + mu^2 (1 - nu/2)^2.
     """
+    mu, nu = sensitivity(law, I)
     r, q = 1.0 - nu, mu * (1.0 - nu / 2.0)
     return q**2 + 8.0 * r**2 * reach**2 - 4.0 * r * (1.0 - np.sqrt(2.0) * q * centre)
 
 
 def sensitivity(law, I):
-    """Return mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6), arrays with the shape of I."""
+    """Return mu_loc(I) and nu = I mu_loc'(I)/mu_loc(I) of (3.6)."""
     mu, slope = law.stress_ratio(I)
     return mu, I * slope / mu
 
@@ -146,7 +122,7 @@ def sign_changes(function, low, high, count=2001):
 
 
 def resolve_jop(cls, parameters, names):
-    """Remove b if I_0 is set, and check mu_2: `Law.resolve` of laws with the options of Jop."""
+    """`Law.resolve` of laws with the options of Jop: I_0 replaces b."""
     if not parameters.mu_2 > parameters.mu_s:
         raise ParameterError("mu_2", parameters.mu_2,
                              f"must exceed @mu_s {parameters.mu_s} with @law {parameters.law}")

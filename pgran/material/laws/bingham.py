@@ -18,15 +18,12 @@ class Bingham(Law):
 
     @property
     def yield_ratio(self):
-        """mu_s."""
         return self.mu_s
 
     def stress_ratio(self, I):
-        """Return mu_loc(I) and its derivative."""
         return self.mu_s + self.b * I, self.b * np.ones_like(I)
 
     def inertial_number(self, mu):
-        """Return I_loc(mu) = (mu - mu_s)/b, zero up to mu_s (2.7), and its derivative."""
         flowing = mu > self.mu_s
         return np.where(flowing, mu - self.mu_s, 0.0) / self.b, flowing / self.b
 
@@ -35,5 +32,4 @@ class Bingham(Law):
         return np.abs(mu - self.mu_s), np.sign(mu - self.mu_s)
 
     def elastic_stress_ratio(self, gdot, s, compliance):
-        """Solve s I_loc(mu) + compliance mu = gdot for mu > mu_s, in closed form."""
         return (gdot + s * self.mu_s / self.b) / (s / self.b + compliance)

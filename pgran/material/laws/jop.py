@@ -23,28 +23,23 @@ class Jop(Law):
 
     @classmethod
     def of(cls, parameters):
-        """Return the law; I_0, if set, determines b."""
         p = parameters
-        return cls(p.mu_s, p.mu_2, p.b if p.I_0 is None else (p.mu_2 - p.mu_s) / p.I_0)
+        return cls(p.mu_s, p.mu_2, (p.mu_2 - p.mu_s) / p.I_0 if p.I_0 else p.b)
 
     @property
     def yield_ratio(self):
-        """mu_s."""
         return self.mu_s
 
     @property
     def I_0(self):
-        """I_0 = (mu_2 - mu_s)/b."""
         return (self.mu_2 - self.mu_s) / self.b
 
     def stress_ratio(self, I):
-        """Return mu_loc(I) and its derivative."""
         fraction = I / (self.I_0 + I)
         rise = self.mu_2 - self.mu_s
         return self.mu_s + rise * fraction, rise * self.I_0 / (self.I_0 + I)**2
 
     def inertial_number(self, mu):
-        """Return I_loc(mu) = I_0 (mu - mu_s)/(mu_2 - mu), zero up to mu_s, and its derivative."""
         flowing = mu > self.mu_s
         gap = np.where(mu < self.mu_2, self.mu_2 - mu, np.nan)
         value = self.I_0 * (mu - self.mu_s) / gap
@@ -59,7 +54,6 @@ class Jop(Law):
         return rise * excess / gap, rise * (np.sign(mu - self.mu_s) * gap + excess) / gap**2
 
     def elastic_stress_ratio(self, gdot, s, compliance):
-        """Solve s I_loc(mu) + compliance mu = gdot for mu_s < mu < mu_2, in closed form."""
         inertial = s * self.I_0
         linear = inertial + compliance * self.mu_2 + gdot
         constant = inertial * self.mu_s + gdot * self.mu_2

@@ -1,6 +1,6 @@
 """Rheological models. A new model is one new file.
 
-A model is a class that derives from `Model`. Its functions take and return numpy arrays.
+A model derives from `Model`. Its functions take and return numpy arrays.
 
 Symbols: ``mu`` stress ratio, ``I`` inertial number, ``gdot`` equivalent shear rate, ``g``
 fluidity, ``P`` pressure, ``xi`` cooperativity length, ``s = sqrt(P/(d^2 rho_s))`` the inverse of
@@ -21,10 +21,9 @@ AMPLITUDE = positive("A", 0.48, "", "non-local amplitude; A d is also the unit o
 
 @dataclass
 class WithDerivatives:
-    """A value at points and its derivatives, arrays of one shape.
+    """A value at points and its derivatives by gdot~ (``rate``), P and g, arrays of one shape.
 
-    ``rate``, ``pressure`` and ``fluidity`` are the derivatives with respect to the effective
-    shear rate gdot~, P and g. A derivative that vanishes everywhere may be 0.0.
+    A derivative that vanishes everywhere may be 0.0.
     """
 
     value: np.ndarray
@@ -35,22 +34,17 @@ class WithDerivatives:
 
 @dataclass
 class Response:
-    """Response of a rheology at points, with D~ = D + theta S/2 and gdot~ = sqrt(2 D~:D~).
+    """Response of a rheology at points, with D~ = D + theta S/2 and gdot~ = sqrt(2 D~:D~)."""
 
-    Attributes
-    ----------
-    viscosity : WithDerivatives
-        sigma'/(2 D~), stress/gdot0.
-    stress_ratio, inertial_number, fluidity : ndarray
-        mu = tau/P, I of the plastic rate g mu, and g in gdot0.
-    source : WithDerivatives or None
-        F of the fluidity equation, gdot0; None for a model without this equation.
-    """
-
+    #: sigma'/(2 D~), stress/gdot0.
     viscosity: WithDerivatives
+    #: mu = tau/P.
     stress_ratio: np.ndarray
+    #: I of the plastic rate g mu.
     inertial_number: np.ndarray
+    #: g, gdot0.
     fluidity: np.ndarray
+    #: F of the fluidity equation as `WithDerivatives`, gdot0; None without this equation.
     source: object = None
 
 
@@ -60,31 +54,21 @@ class Model(ABC):
     A subclass must define `response`. The equation of a fluidity field is::
 
         storage["fluidity"] (h, dg/dt) + diffusion (grad h, grad g) + (h, F) = 0
-
-    Attributes
-    ----------
-    options : tuple of pgran.options.Option
-        Options of the model. `of` passes their values to the constructor by name.
-    fields : tuple of str
-        Fields of the solver: velocity, pressure, and for some models fluidity.
-    start_fluidity : float
-        Initial fluidity of a transient run over the fluidity of the reference flow.
-    theory : str or None
-        Linear theory of homogeneous flow: ngf, ngf_primitive, li or ig, or None.
-    solved : bool
-        Whether the nonlinear solver supports the model.
-    needs_length : bool
-        Whether the law must have a cooperativity length.
-    diffusion : float
-        Coefficient of grad g in the fluidity equation, d^2.
     """
 
+    #: Options of the model, whose values `of` passes to the constructor by name.
     options = ()
+    #: Initial fluidity of a transient run over the fluidity of the reference flow.
     start_fluidity = 0.0
+    #: Fields of the solver: velocity, pressure, and for some models fluidity.
     fields = "velocity", "pressure"
+    #: Linear theory of homogeneous flow: ngf, ngf_primitive, li, ig or None.
     theory = None
+    #: Whether the nonlinear solver supports the model.
     solved = True
+    #: Whether the law must have a cooperativity length.
     needs_length = False
+    #: Coefficient of grad g in the fluidity equation, d^2.
     diffusion = 0.0
 
     @classmethod
@@ -114,23 +98,22 @@ class Model(ABC):
     def fluidity_excess(self, law, s, mu, P, g):
         """Return g - g_loc as `WithDerivatives`, where ``rate`` is the derivative by mu.
 
-        It is needed for walls of local fluidity; the default raises NotImplementedError.
+        It is needed for walls of local fluidity only.
         """
         raise NotImplementedError(f"{type(self).__name__} does not support walls of local fluidity")
 
     def curvature(self, law, s, mu, P, g):
         """Return the second derivative of F with respect to mu, (points, n) or a number, gdot0.
 
-        P and g are constant; the arguments are those of `fluidity_excess`. Newton's method uses it
-        near a double root of F, see `pgran.space.points.secant`. The default is 0: no double root.
+        Newton's method uses it near a double root of F, see `pgran.space.points.secant`.
         """
         return 0.0
 
     def spurious_root(self, law, mu, I):
         """Return mu_loc(I) - mu_s where F vanishes because mu = mu_s, and zero elsewhere.
 
-        ``mu`` and ``I`` are (points, n). Uniform flow must satisfy mu = mu_loc(I). The solver
-        repeats a step that converged to another root of F. The default is 0: no other root.
+        Uniform flow must satisfy mu = mu_loc(I). The solver repeats a step that converged to
+        another root of F.
         """
         return np.zeros_like(mu)
 
@@ -141,15 +124,10 @@ class Model(ABC):
         Parameters
         ----------
         law : pgran.material.laws.Law
-            The local law; its parameters may be arrays (n,), one entry per element.
-        s : ndarray, (points, n)
-            `pgran.material.Material.inverse_time` at ``P``, gdot0.
-        gdot : ndarray, (points, n)
-            Effective shear rate gdot~, gdot0.
-        P : ndarray, (points, n)
-            Pressure, stress unit of the case.
-        g : ndarray, (points, n), or None
-            Fluidity, gdot0; None for a model without this field.
+            Its parameters may be arrays (n,), one entry per element.
+        s, gdot, P, g : ndarray, (points, n)
+            sqrt(P/(d^2 rho_s)) in gdot0, effective shear rate gdot~ in gdot0, pressure in the
+            stress unit, and fluidity in gdot0 (None for a model without this field).
         theta : float
             Compliance of the elastic element, gdot0/stress; 0 if it is rigid.
         """

@@ -16,5 +16,4 @@ class IG(Model):
     solved = False
 
     def response(self, law, s, gdot, P, g, theta):
-        """Raise NotImplementedError: the model is ill-posed."""
         raise NotImplementedError("the model ig is implemented in the linear theory only")

@@ -18,14 +18,12 @@ class LI(Model):
 
     @property
     def length(self):
-        """A d."""
         return self.A
 
     def response(self, law, s, gdot, P, g, theta):
-        """Return the `Response` with the elastic return; ``g`` is not used.
+        """Return the `Response` with sigma' = 2 (mu P/gdot~) D~.
 
-        Above yield s I_loc(mu) + theta P mu = gdot~, and below it mu = gdot~/(theta P);
-        sigma' = 2 (mu P/gdot~) D~.
+        Above yield s I_loc(mu) + theta P mu = gdot~, and below it mu = gdot~/(theta P).
         """
         compliance = theta * P
         flowing = gdot > compliance * law.yield_ratio

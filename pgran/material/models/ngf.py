@@ -24,14 +24,10 @@ class NGF(Model):
 
     @property
     def diffusion(self):
-        """A^2 d^2."""
         return self.A**2
 
     def response(self, law, s, gdot, P, g, theta):
-        """Return the `Response` with the elastic return and F of `source`.
-
-        sigma' = 2 P/(g + theta P) D~ and mu = gdot~/(g + theta P).
-        """
+        """Return the `Response` with sigma' = 2 P/(g + theta P) D~ and mu = gdot~/(g + theta P)."""
         total = 1.0 / (g + theta * P)
         mu = gdot * total
         source = self.source(law, s, mu, P, g)
@@ -48,11 +44,7 @@ class NGF(Model):
                 fluidity=source.fluidity - source.rate * mu * total))
 
     def source(self, law, s, mu, P, g):
-        """Return F of (2.5)-(2.8) at points, gdot0, as `WithDerivatives`.
-
-        F = (A^2 d^2/xi^2) (g - g_loc) with g_loc = s I_loc(mu)/mu. The derivatives are partial ones
-        with respect to mu (``rate``), P and g; the derivative with respect to P includes s.
-        """
+        """Return F = (A^2 d^2/xi^2) (g - g_loc) of (2.5)-(2.8) at points, as `fluidity_excess`."""
         stiffness, slope = law.inverse_length_squared(mu)
         excess = self.fluidity_excess(law, s, mu, P, g)
         return WithDerivatives(stiffness * excess.value,
@@ -61,23 +53,16 @@ class NGF(Model):
                                fluidity=stiffness)
 
     def curvature(self, law, s, mu, P, g):
-        """Return the second derivative of F with respect to mu, (points, n), gdot0.
-
-        It is 2 (A^2 d^2/xi^2)' (g - g_loc)'; the other terms vanish at mu_s.
-        """
+        # The other terms vanish at mu_s.
         return 2.0 * law.inverse_length_squared(mu)[1] * self.fluidity_excess(law, s, mu, P, g).rate
 
     def spurious_root(self, law, mu, I):
-        """Return mu_loc(I) - mu_s where F vanishes because mu = mu_s, and zero elsewhere.
-
-        There A^2 d^2/xi^2 = 0 and F = 0 for any g, although (2.5) excludes mu = mu_s with g > 0
-        unless lap g differs from zero nearby.
-        """
+        # At mu = mu_s F = 0 for any g, although (2.5) excludes g > 0 there without lap g.
         excess = law.stress_ratio(I)[0] - law.yield_ratio
         return np.where(np.abs(mu - law.yield_ratio) < AT_YIELD * excess, excess, 0.0)
 
     def fluidity_excess(self, law, s, mu, P, g):
-        """Return g - g_loc and its derivatives, as `source`."""
+        """Return g - g_loc with g_loc = s I_loc(mu)/mu; the derivative by P includes s."""
         I_loc, slope = law.inertial_number(mu)
         # I_loc is zero below the yield ratio, so the result is the same.
         positive = np.maximum(mu, law.yield_ratio)

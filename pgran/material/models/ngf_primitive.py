@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...options import BOTH, Option, ParameterError, positive
-from . import WithDerivatives
+from . import Model, WithDerivatives
 from .ngf import NGF
 
 #: Inertial numbers at which the length of a law is checked, and the relative tolerance.
@@ -30,7 +30,7 @@ class NGFPrimitive(NGF):
     this F would then drive g to minus infinity. For g < 0 it is therefore replaced by
     F = (A^2 d^2/xi^2) g - b sqrt(d^2 rho_s/P) mu g^2, which returns g to 0.
 
-    ``relaxation_time`` is t0, 1/gdot0, and ``start_fluidity`` is explained in `Model`.
+    ``relaxation_time`` is t0, 1/gdot0.
     """
 
     relaxation_time: float
@@ -47,11 +47,10 @@ class NGFPrimitive(NGF):
 
     @classmethod
     def resolve(cls, parameters, names):
-        """Set the default of t0; `ParameterError` for a cooperativity length other than (2.8)."""
-        if parameters.relaxation_time is None:
+        if not parameters.relaxation_time:
             parameters.relaxation_time = parameters.inertial_number
         law = parameters.part("law").of(parameters)
-        if law.inverse_length_squared is None:
+        if not law.inverse_length_squared:
             return  # such a law is refused where the length is used
         stiffness, _ = law.inverse_length_squared(law.stress_ratio(CHECKED)[0])
         if not np.allclose(stiffness, _slope_at_rest(law, CHECKED) * CHECKED, rtol=ROUNDING):
@@ -61,19 +60,12 @@ class NGFPrimitive(NGF):
 
     @property
     def storage(self):
-        """Coefficient t0 of dg/dt."""
         return {"fluidity": self.relaxation_time}
 
-    def curvature(self, law, s, mu, P, g):
-        """Return 0: this F has no double root."""
-        return 0.0
-
-    def spurious_root(self, law, mu, I):
-        """Return 0: this F has no spurious root."""
-        return np.zeros_like(mu)
+    # This F has neither a double root nor a spurious root.
+    curvature, spurious_root = Model.curvature, Model.spurious_root
 
     def source(self, law, s, mu, P, g):
-        """Return F and its derivatives at points, as `NGF.source`."""
         # The inverse length has a kink at mu_s: use its slope above.
         mu_above = np.where(mu == law.yield_ratio, np.nextafter(law.yield_ratio, np.inf), mu)
         sign = np.where(g < 0.0, 1.0, np.sign(law.yield_ratio - mu_above))
@@ -86,5 +78,5 @@ class NGFPrimitive(NGF):
 
 
 def _slope_at_rest(law, like):
-    """Return b, the slope of mu_loc at I = 0, with the shape of ``like``."""
+    """b, the slope of mu_loc at I = 0, with the shape of ``like``."""
     return law.stress_ratio(np.zeros_like(like))[1]
