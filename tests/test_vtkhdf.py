@@ -10,7 +10,7 @@ from conftest import ROOT, discretised, pgran as run_pgran, read_vtk, run_ranks
 import pgran
 from pgran.output import vtkhdf
 from pgran.output.reader import FORMAT, ResultError
-from pgran.output.result import numbers
+from pgran.output.connectivity import numbers
 from pgran.output.writer import Writer
 from pgran.pack import pack
 

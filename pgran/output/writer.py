@@ -29,7 +29,7 @@ from .files import (
     Lock,
     blocks_of,
     make_parents,
-    this_process,
+    process_identity,
     write_draft,
 )
 from .reader import FORMAT, opened
@@ -142,7 +142,7 @@ class Writer:
     def _create(self, source, same, attributes):
         snapshots, fields = self._copy(source) if source else ([], None)
         self._set_root({
-            "state": RUNNING, "process": this_process(), "run": self.run, "format": FORMAT,
+            "state": RUNNING, "process": process_identity(), "run": self.run, "format": FORMAT,
             "closed": self.case.closed, "options": self.case.parameters.text(),
             "pgran_version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
