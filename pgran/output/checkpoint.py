@@ -1,8 +1,7 @@
-"""Checkpoints: files to continue a run on any number of ranks.
+"""Checkpoints NAME.checkpoint_000120.h5: files to continue a run on any number of ranks.
 
-A checkpoint of NAME.h5 is NAME.checkpoint_000120.h5, where the number counts the accepted steps. It
-is written atomically, and the last `KEPT` checkpoints are kept. Its arrays cover the complete grid:
-Q2 nodes (nj, ni, ...), corners and elements. Checksums of HDF5 detect damaged files.
+The number counts the accepted steps. The arrays cover the complete grid: Q2 nodes (nj, ni, ...),
+corners and elements. Checksums of HDF5 detect damaged files.
 """
 
 import os
@@ -30,10 +29,7 @@ NAME = re.compile(r"(.+)\.checkpoint_(\d+)\.h5")
 
 
 def checkpoints_of(path):
-    """Return the checkpoints of a result file, newest first, a list of Path.
-
-    If the result is a symbolic link, they are in the folder of its target.
-    """
+    """Return the checkpoints of a result file or a link to one, newest first, a list of Path."""
     path = Path(os.path.realpath(path) if os.path.islink(path) else path)
     found = [(int(match[2]), entry) for entry in path.parent.iterdir()
              if (match := NAME.fullmatch(entry.name)) and match[1] == path.stem]
@@ -55,7 +51,6 @@ def write(path, grid, run, step, values, arrays):
         The result file.
     grid : pgran.space.grid.Grid
     run : str
-        The identifier of the run.
     step : int
         Number of accepted steps.
     values : dict
@@ -63,7 +58,7 @@ def write(path, grid, run, step, values, arrays):
     arrays : dict of dict
         {"nodes" | "corners" | "elements": {name: (..., n_local)}}.
     """
-    path, lattices = Path(path), _lattices(grid)
+    lattices = _lattices(grid)
 
     def prepare():
         sizes = {f"{kind}/{name}": lattices[kind].shape[::-1] + value.shape[:-1]
@@ -92,10 +87,9 @@ def write(path, grid, run, step, values, arrays):
 def newest(path, run, accept, disk):
     """Return ``accept(file)`` of the newest valid checkpoint of a run. Collective.
 
-    ``accept`` reads an open checkpoint on every rank, and raises an error for a damaged one. Also
-    returns the checkpoint (Path) and the names of newer checkpoints that could not be read, with
-    the reasons. Checkpoints of other runs are skipped. Raises `ParameterError` if there is no valid
-    checkpoint.
+    ``accept`` reads an open checkpoint, and raises an error for a damaged one. Also returns the
+    checkpoint (Path) and the names of newer checkpoints that could not be read, with the reasons.
+    Raises `ParameterError` if there is no valid checkpoint.
     """
     damaged, comm = [], disk.comm
     for entry in disk.do(lambda: checkpoints_of(path)):
@@ -131,10 +125,9 @@ def read_numbers(file, names):
 
 
 def read_arrays(file, grid, like):
-    """Return arrays of an open checkpoint at the local points of a grid, in the form of `write`.
+    """Return arrays of an open checkpoint in the form of `write`, with the names of ``like``.
 
-    ``like`` has the names and components. Raises OSError or ValueError if an array is missing,
-    damaged, of another shape or not finite.
+    Raises OSError or ValueError if an array is missing, damaged, of another shape or not finite.
     """
     arrays = {}
     for kind, lattice in _lattices(grid).items():

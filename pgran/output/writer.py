@@ -1,10 +1,7 @@
 """Writer of result files: HDF5 with the history and links to the snapshots.
 
-``/snapshots/NNNN`` links to the fields on the Q2 nodes (row = x2 index), each snapshot in a
-separate file (`pgran.output.snapshots`). ``/history`` has one entry per accepted step, the root
-attributes hold the resolved options, the versions and the scales, and ``/cells`` the nodes of the
-cells for XDMF. The result file is replaced atomically after the file of a new snapshot is on the
-disk, so that a run that is killed at any time leaves a valid result.
+The result file is replaced atomically after the file of a new snapshot is on the disk, so that a
+run that is killed at any time leaves a valid result.
 """
 
 import os
@@ -68,16 +65,13 @@ RUNNING, COMPLETE, STOPPED, FAILED = "running", "complete", "stopped", "failed"
 class Writer:
     """Writer of the result of a run. Every method except `close` is collective.
 
-    The constructor only locks the file; `begin` creates it. An earlier file of the same name is
-    renamed with a number, together with its checkpoints. A file that cannot be written, or that
+    The constructor only locks the file; `begin` creates it. A file that cannot be written, or that
     another run writes, raises `ParameterError`.
 
     Parameters
     ----------
     path : str or Path
-        The result file.
     form : pgran.space.weakform.WeakForm
-        Has the grid, and the case with the resolved parameters.
     option : tuple of str
         Name and prefix of the option that names the file, for messages.
     columns : tuple of str
@@ -87,8 +81,10 @@ class Writer:
     ----------
     kept : str or None
         The new name of an earlier file.
-    run : str
-        The identifier of the run in its result and its checkpoints.
+    run : str or None
+        The identifier of the run; None before `begin`.
+    snapshots : list of tuple
+        Name, time and file name of each snapshot.
     """
 
     def __init__(self, path, form, option=("output", PREFIX), columns=HISTORY):
@@ -97,14 +93,13 @@ class Writer:
         self.grid, self.case = form.grid, form.case
         self.comm, self._shape = self.grid.comm.tompi4py(), self.grid.nodes.shape[::-1]
         self.disk = Disk(self.comm, option[0], path, option[1])
-        self.kept = None
         self._columns = {name: [] for name in (*columns, *self.case.observables)}
-        self.snapshots, self._fields = [], None  # snapshots: (name, time, file name)
+        self.snapshots, self._fields = [], None
         self._next_write, self._serial, self._root = 0.0, 0, {}  # on rank 0
         #: Along which of x1 and x2 the first nodes are repeated in VTKHDF.
         self._ends = tuple(wrap and not closed for wrap, closed in zip(
             self.grid.periodic, self.case.closed))
-        self._lock = self.run = None
+        self._lock = self.run = self.kept = None
         self.disk.do(self._claim)
 
     def _claim(self):
@@ -117,20 +112,14 @@ class Writer:
         self._lock = Lock(self.path)
 
     @property
-    def begun(self):
-        """Whether `begin` was called."""
-        return self.run is not None
-
-    @property
     def steps(self):
         """Number of steps in the history."""
         return len(self._columns["time"])
 
     def begin(self, source=None, **attributes):
-        """Create the file with root ``attributes``.
+        """Create the file with root ``attributes`` and the content of a `Source`, if given.
 
-        It begins with the content of the `pgran.output.start.Source`, if there is one. Nothing is
-        renamed if the source is the file itself.
+        An earlier file of this name is renamed with a number unless it is the source.
         """
         same = source is not None and self.disk.do(
             lambda: self.path.exists() and os.path.samefile(source.path, self.path))
@@ -152,17 +141,17 @@ class Writer:
         snapshot_files.remove_unlinked(self.path, self.run, [entry[2] for entry in snapshots])
         self.path.with_suffix(".xdmf").unlink(missing_ok=True)
         if snapshots:
-            xdmf.write(self.path, self._shape, snapshots, fields, self.case.closed)
+            xdmf.add(self.path, self._shape, snapshots, fields, self.case.closed)
         return kept, snapshots, fields, self._columns
 
     def _copy(self, source):
-        """Read a `Source`; return its `snapshots` and their common fields.
+        """Return the snapshots of a `Source` and their common fields.
 
         Snapshots inside the source or in files of another run are copied into files of this run.
         """
+        snapshots = []
         with opened(source.path) as file:
             found, fields, self._root = source.read(file, self._columns)
-            snapshots = []
             used = snapshot_files.files_of(self.path, self.run)
             self._serial = max([int(self._root.get(SERIAL, 0)), *(n + 1 for n in used)])
             targets = snapshot_files.linked(file)
@@ -197,11 +186,11 @@ class Writer:
         """Set root attributes, {name: value}; return them with their units."""
         units = {f"{name}_unit": ATTRIBUTE_UNITS[name].replace("stress", self.case.stress_unit)
                  for name in attributes if name in ATTRIBUTE_UNITS}
-        self._root.update({**attributes, **units})
-        return {**attributes, **units}
+        self._root.update(attributes | units)
+        return attributes | units
 
     def _write_index(self, snapshots, fields):
-        """Write the result file: root attributes, history, and links to the snapshot files."""
+        """Write the result file, with links to the snapshot files."""
         draft = Draft(self.path, 8 * len(self._columns) * self.steps + LINK * len(snapshots)
                       + ELEMENT * int(np.prod(self._shape)))
         with draft:
@@ -224,7 +213,6 @@ class Writer:
         draft.publish(flush=True)
 
     def _unit(self, name):
-        """The unit of a field or of a column of the history."""
         units = {**UNITS, **self.case.observables} if isinstance(
             self.case.observables, dict) else UNITS
         return units.get(name.removeprefix(BASE), "").replace("stress", self.case.stress_unit)
@@ -243,11 +231,7 @@ class Writer:
         return str(kept)
 
     def record(self, **values):
-        """Add an accepted step to the history.
-
-        It is written at once if writing takes at most `SHARE` of the time, otherwise with one of
-        the next steps.
-        """
+        """Add an accepted step to the history, which is written once `SHARE` allows it."""
         for name, column in self._columns.items():
             column.append(values[name])
         self.disk.do(self._record)
@@ -281,8 +265,7 @@ class Writer:
     def snapshot(self, time, fields):
         """Write the history and the fields at the local nodes, {name: (..., n)}.
 
-        One of the fields is ``coordinates``. The cost does not depend on the number of snapshots.
-        NaN and infinite values are written, with a warning on standard error.
+        One of the fields is ``coordinates``. NaN and infinite values are written, with a warning.
         """
         name = f"{len(self.snapshots):04d}"
         components = {key: value.shape[:-1] for key, value in fields.items()}
@@ -320,7 +303,6 @@ class Writer:
         self._fields = common
 
     def _warn_not_finite(self, snapshot, fields):
-        """Print which fields of a snapshot contain NaN or infinite values, and where."""
         owned = self.grid.nodes.owned
         for name, values in fields.items():
             wrong = owned[~np.isfinite(values[..., owned]).reshape(-1, owned.size).all(axis=0)]
@@ -336,10 +318,7 @@ class Writer:
         self.disk.do(lambda: self._rewrite(**attributes))
 
     def close(self):
-        """Release the file. Not collective, because it may follow an error of one rank.
-
-        A run that has not stored its final state has failed.
-        """
+        """Release the file; a run without a final state has failed. Not collective."""
         if not self._lock:
             return
         if self._root.get("state") == RUNNING:
@@ -353,11 +332,7 @@ class Writer:
 
 
 def write_once(path, form, fields, option=("output", PREFIX), **attributes):
-    """Write a result with one snapshot at time 0, and return its `Writer`. Collective.
-
-    ``option`` is a parameter of `Writer`, ``fields`` of `Writer.snapshot`, and ``attributes`` are
-    root attributes.
-    """
+    """Write a result with one snapshot at time 0 and root ``attributes``; return its `Writer`."""
     writer = Writer(path, form, option)
     try:
         writer.begin(**attributes)
