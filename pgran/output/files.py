@@ -25,8 +25,6 @@ RESULTS = "results"
 NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP}
 #: Errors of the system and of h5py when a file is read or written.
 FILE_ERRORS = OSError, RuntimeError, KeyError, ValueError
-#: Largest message with field values between ranks, bytes; a message has at least one row of nodes.
-MESSAGE_SIZE = 1 << 23
 #: Upper bound of what HDF5 adds to a file in one update besides the data, bytes.
 OVERHEAD = 1 << 20
 
@@ -247,49 +245,32 @@ def write_blocks(comm, file, data):
     """Write the blocks of all ranks into datasets of a ``file`` that is open on rank 0. Collective.
 
     ``data`` yields the same datasets on all ranks: the name, this rank's block of the first two
-    axes (tuple of slice), and the values of the block. Rank 0 holds one message of about
-    `MESSAGE_SIZE` at a time, and receives all of them even after an error. Returns the error text
-    on rank 0, or None.
+    axes (tuple of slice), and the values of the block. Rank 0 receives one block at a time, and all
+    of them even after an error. Returns the error text on rank 0, or None.
     """
     error = None
     for name, block, values in data:
-        bounds = np.array([[part.start, part.stop] for part in block])
         if comm.rank:
-            comm.Send(bounds, 0)
-            for rows in _pieces(values.shape):
-                comm.Send(np.ascontiguousarray(values[rows], float), 0)
+            comm.send((block, values), 0)
             continue
         for source in range(comm.size):
             if source:
-                comm.Recv(bounds, source)
-            (j0, j1), (i0, i1) = bounds
-            shape = j1 - j0, i1 - i0, *values.shape[2:]
-            for rows in _pieces(shape):
-                part = values[rows]
-                if source:
-                    part = np.empty((rows.stop - rows.start, *shape[1:]))
-                    comm.Recv(part, source)
-                try:
-                    if not error:
-                        file[name][j0 + rows.start:j0 + rows.stop, i0:i1] = part
-                except (*FILE_ERRORS, TypeError) as problem:
-                    error = error_text(problem)
+                block, values = comm.recv(source=source)
+            try:
+                if not error:
+                    file[name][block] = values
+            except (*FILE_ERRORS, TypeError) as problem:
+                error = error_text(problem)
     return error
-
-
-def _pieces(shape):
-    """Return slices of the rows of a block, one per message."""
-    step = max(1, MESSAGE_SIZE // max(1, 8 * int(np.prod(shape[1:]))))
-    return [slice(j, min(j + step, shape[0])) for j in range(0, shape[0], step)]
 
 
 def blocks_of(lattice, fields, group=""):
     """Yield the data of `write_blocks` for ``fields``, {name: (..., n_local)}, on a lattice."""
-    block = (slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1))
+    block = slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1)
     shape = lattice.j1 - lattice.j0, lattice.i1 - lattice.i0
     for name, values in fields.items():
         yield f"{group}{name}", block, np.moveaxis(
-            values[..., lattice.owned].reshape(values.shape[:-1] + shape), (-2, -1), (0, 1)).copy()
+            values[..., lattice.owned].reshape(values.shape[:-1] + shape), (-2, -1), (0, 1))
 
 
 def local_part(data, i, j):
