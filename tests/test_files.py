@@ -156,7 +156,7 @@ def test_a_continued_run_removes_only_unused_files_of_its_own(tmp_path, form):
     assert np.isfinite(Result(tmp_path / "copy.h5").snapshots[2]["pressure"]).all()
 
 
-def test_a_file_that_holds_its_snapshots_is_read_and_continued(tmp_path, form):
+def test_a_file_that_contains_its_snapshots_is_read_and_continued(tmp_path, form):
     old = tmp_path / "old.h5"
     pack(write(tmp_path / "run.h5", form, 2), old)
     with h5py.File(old, "r+") as file:
