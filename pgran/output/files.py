@@ -8,7 +8,6 @@ import errno
 import fcntl
 import io
 import os
-import shutil
 import socket
 import sys
 from contextlib import suppress
@@ -138,20 +137,17 @@ def is_running(identity):
 class Draft:
     """The next version of an HDF5 file, under a private name until it is complete.
 
-    As a context manager it is removed after an error, and stays open otherwise. It begins with the
-    content of the file ``source``, or empty. ``size`` bytes are reserved first, so that a full disk
-    raises its error here and not inside HDF5. The open h5py.File is ``file``.
+    As a context manager it is removed after an error, and stays open otherwise. ``size`` bytes are
+    reserved first, so that a full disk raises its error here and not inside HDF5. The open
+    h5py.File is ``file``.
     """
 
-    def __init__(self, path, size, source=None, private_path=None):
+    def __init__(self, path, size, private_path=None):
         self.path, self._private = Path(path), private_path or private(path)
+        empty = io.BytesIO()
+        h5py.File(empty, "w").close()
         try:
-            if source:
-                shutil.copyfile(source, self._private)
-            else:
-                empty = io.BytesIO()
-                h5py.File(empty, "w").close()
-                self._private.write_bytes(empty.getvalue())
+            self._private.write_bytes(empty.getvalue())
             with open(self._private, "r+b") as file:
                 os.posix_fallocate(file.fileno(), 0,
                                    os.fstat(file.fileno()).st_size + size + OVERHEAD)

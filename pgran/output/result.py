@@ -13,7 +13,7 @@ from ..material.elasticity import strain_fields
 from ..options import PREFIX, ParameterError
 from ..space.element import GAUSS_TO_NODES, NODES, Geometry
 from . import band
-from .connectivity import QUADRATIC, numbers, q2_elements
+from .connectivity import QUADRATIC, q2_elements
 from .reader import ResultError, field_of, opened, stored_parameters
 from .snapshots import linked
 
@@ -351,15 +351,14 @@ class Snapshot:
         """
         import pyvista
 
-        shown, shape = self.continued(self.open_ends), self.x.shape[:2]
-        order = np.argsort(numbers(shape, self.open_ends).ravel())
-        elements = q2_elements(shape, self.result.closed, self.open_ends)
-        points = np.pad(shown.x.reshape(-1, 2)[order], ((0, 0), (0, 1)))
+        shown = self.continued(self.open_ends)
+        elements = q2_elements(shown.x.shape[:2], self.result.closed)
+        points = np.pad(shown.x.reshape(-1, 2), ((0, 0), (0, 1)))
         grid = pyvista.UnstructuredGrid(
             np.insert(elements, 0, NODES, axis=1).ravel(),
             np.full(len(elements), pyvista.CellType.BIQUADRATIC_QUAD), points)
         for name in names or self.names:
-            flat = shown[name].reshape(len(points), -1)[order]
+            flat = shown[name].reshape(len(points), -1)
             grid[name] = flat.ravel() if flat.shape[1] == 1 else (
                 np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1] == 2 else flat)
         return grid

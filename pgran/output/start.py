@@ -13,7 +13,7 @@ from .snapshots import ordered
 #: Prefix of the fields of the base flow of a mode.
 BASE = "base_"
 #: Root attributes that describe the end of a run.
-ENDING = {"complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
+ENDING = {"state", "complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
           "linear_iterations", "seconds", "memory", "ranks"}
 
 

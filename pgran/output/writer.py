@@ -52,8 +52,6 @@ ATTRIBUTE_UNITS = {"growth_rate": "gdot0", "steady_residual": "stress d", "begun
                    "scale_time": "s"}
 #: Root attribute: number of names of snapshot files that the run has used.
 SERIAL = "snapshot_files"
-#: Steps per chunk of a column of the history.
-CHUNK = 128
 #: Upper bounds of the size of the result file per snapshot and per node, bytes.
 LINK, ELEMENT = 1000, 100
 #: Maximum fraction of the run time for writing the history.
@@ -130,13 +128,14 @@ class Writer:
 
     def _create(self, source, same, attributes):
         snapshots, fields = self._copy(source) if source else ([], None)
+        kept = None if same else self._rename_earlier()
+        self.snapshots, self._fields = snapshots, fields  # `close` may write them after an error
         self._set_root({
             "state": RUNNING, "process": process_identity(), "run": self.run, "format": FORMAT,
             "closed": self.case.closed, "options": self.case.parameters.text(),
             "pgran_version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
             **self.case.scales(), **attributes})
-        kept = None if same else self._rename_earlier()
         self._write_index(snapshots, fields)
         snapshot_files.remove_unlinked(self.path, self.run, [entry[2] for entry in snapshots])
         self.path.with_suffix(".xdmf").unlink(missing_ok=True)
@@ -183,13 +182,14 @@ class Writer:
             vtkhdf.repeat(file[GROUP], file.create_group(REPEATED), self._ends)
 
     def _set_root(self, attributes):
-        """Set root attributes, {name: value}; return them with their units."""
-        units = {f"{name}_unit": ATTRIBUTE_UNITS[name].replace("stress", self.case.stress_unit)
-                 for name in attributes if name in ATTRIBUTE_UNITS}
-        self._root.update(attributes | units)
-        return attributes | units
+        """Set root attributes, {name: value}, and their units."""
+        for name, value in attributes.items():
+            self._root[name] = value
+            if name in ATTRIBUTE_UNITS:
+                self._root[f"{name}_unit"] = ATTRIBUTE_UNITS[name].replace(
+                    "stress", self.case.stress_unit)
 
-    def _write_index(self, snapshots, fields):
+    def _write_index(self, snapshots, fields, flush=True):
         """Write the result file, with links to the snapshot files."""
         draft = Draft(self.path, 8 * len(self._columns) * self.steps + LINK * len(snapshots)
                       + ELEMENT * int(np.prod(self._shape)))
@@ -198,10 +198,8 @@ class Writer:
             file.attrs.update({**self._root, SERIAL: self._serial})
             history = file.create_group("history")
             for name, values in self._columns.items():
-                column = history.create_dataset(
-                    name, data=np.array(values, "i8" if name in INTEGERS else "f8"),
-                    maxshape=(None,), chunks=(CHUNK,))
-                column.attrs["unit"] = self._unit(name)
+                history[name] = np.array(values, "i8" if name in INTEGERS else "f8")
+                history[name].attrs["unit"] = self._unit(name)
             file.create_group("snapshots", track_order=True)
             for name, _, target in snapshots:
                 snapshot_files.add_link(file, name, target, self._ends)
@@ -210,7 +208,7 @@ class Writer:
             if snapshots:
                 vtkhdf.write(file, [time for _, time, _ in snapshots], self._shape, fields,
                              self.case.closed, self._ends)
-        draft.publish(flush=True)
+        draft.publish(flush)
 
     def _unit(self, name):
         units = {**UNITS, **self.case.observables} if isinstance(
@@ -246,17 +244,8 @@ class Writer:
     def _rewrite(self, flush=True, **attributes):
         """Write the history and root attributes, on rank 0."""
         self._check_present()
-        attributes = self._set_root(attributes)
-        draft = Draft(self.path, 8 * len(self._columns) * self.steps, self.path)
-        with draft:
-            for name, values in self._columns.items():
-                data = draft.file["history"][name]
-                done = data.shape[0]
-                if done < len(values):
-                    data.resize((len(values),))
-                    data[done:] = values[done:]
-            draft.file.attrs.update(attributes)
-        draft.publish(flush)
+        self._set_root(attributes)
+        self._write_index(self.snapshots, self._fields, flush)
 
     def _check_present(self):
         if not self.path.is_file():
