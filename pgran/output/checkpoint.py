@@ -11,16 +11,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from .files import (
-    FILE_ERRORS,
-    Disk,
-    Draft,
-    blocks_of,
-    error_text,
-    local_part,
-    private,
-    write_draft,
-)
+from . import files
+from .files import Disk, Draft
 
 #: Number of checkpoints of a run that are kept.
 KEPT = 2
@@ -66,7 +58,7 @@ def write(path, grid, run, step, values, arrays):
         # Chunks at the ends of an array are stored in full: reserve twice the size of the data.
         draft = Draft(path.with_name(f"{path.stem}.checkpoint_{step:06d}.h5"),
                       16 * sum(int(np.prod(size)) for size in sizes.values()),
-                      private_path=private(path.with_suffix(".checkpoint")))
+                      private_path=files.private(path.with_suffix(".checkpoint")))
         with draft:
             for name, size in sizes.items():
                 draft.file.create_dataset(name, size, dtype="f8", fletcher32=True)
@@ -79,9 +71,9 @@ def write(path, grid, run, step, values, arrays):
         for old in checkpoints_of(path)[KEPT:]:
             old.unlink()
 
-    write_draft(Disk(grid.comm.tompi4py(), "output", path), prepare, (
+    files.write_draft(Disk(grid.comm.tompi4py(), "output", path), prepare, (
         entry for kind, fields in arrays.items()
-        for entry in blocks_of(lattices[kind], fields, f"{kind}/")), finish)
+        for entry in files.blocks_of(lattices[kind], fields, f"{kind}/")), finish)
 
 
 def newest(path, run, accept, disk):
@@ -99,8 +91,8 @@ def newest(path, run, accept, disk):
                 if file.attrs["run"] != run:
                     raise ValueError("it belongs to another run")
                 result = accept(file)
-        except FILE_ERRORS as problem:
-            error = error_text(problem)
+        except files.FILE_ERRORS as problem:
+            error = files.error_text(problem)
         errors = [text for text in comm.allgather(error) if text]
         if not errors:
             return result, entry, damaged
@@ -136,7 +128,7 @@ def read_arrays(file, grid, like):
             data, shape = file.get(f"{kind}/{name}"), lattice.shape[::-1] + values.shape[:-1]
             if not isinstance(data, h5py.Dataset) or data.dtype.kind != "f" or data.shape != shape:
                 raise ValueError(f"{name} is not an array of {' x '.join(map(str, shape))} numbers")
-            found = arrays[kind][name] = local_part(data, lattice.i, lattice.j)
+            found = arrays[kind][name] = files.local_part(data, lattice.i, lattice.j)
             if not np.isfinite(found).all():
                 raise ValueError(f"{name} contains NaN or infinite values")
     return arrays

@@ -94,15 +94,14 @@ class Result:
     ----------
     path : str or Path
         The HDF5 file. It may belong to a running job.
-    run : str or None, optional
+    run : str, optional
         The identifier of the run that the file must hold (default: any run).
 
     Attributes
     ----------
     path : Path
-        The absolute path of the file.
+        Absolute.
     run : str
-        The identifier of the run.
     attributes : dict
         Root attributes: versions, scales, and the cost of a completed run.
     parameters : pgran.options.Parameters
@@ -206,15 +205,12 @@ class Snapshot:
     attributes : dict
         For example ``time`` (1/gdot0) and ``label``.
     target : str or None
-        The name of its file; None for a snapshot inside the result file.
+        The name of its file; None inside the result file.
     """
 
     def __init__(self, result, name, attributes, target=None):
         self.result, self.name, self.attributes = result, name, attributes
         self.target, self._read, self._periods = target, {}, {}
-
-    def __repr__(self):
-        return f"<snapshot {self.name} of {self.result.path}: {self.label}>"
 
     @property
     def time(self):

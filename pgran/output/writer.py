@@ -16,19 +16,10 @@ from petsc4py import PETSc
 
 from .. import __version__
 from ..options import PREFIX
-from . import snapshots as snapshot_files, vtkhdf, xdmf
+from . import files, snapshots as snapshot_files, vtkhdf, xdmf
 from .checkpoint import NAME, checkpoints_of
 from .connectivity import cells
-from .files import (
-    FILE_ERRORS,
-    Disk,
-    Draft,
-    Lock,
-    blocks_of,
-    make_parents,
-    process_identity,
-    write_draft,
-)
+from .files import Disk, Draft
 from .reader import FORMAT, opened
 from .snapshots import GROUP, REPEATED
 from .start import BASE, common_fields
@@ -106,8 +97,8 @@ class Writer:
         for pattern, kind in ((NAME, "checkpoint"), (snapshot_files.NAME, "snapshot")):
             if match := pattern.fullmatch(self.path.name):
                 raise OSError(f"this is the name of a {kind} of {match[1]}.h5")
-        self._made = make_parents(self.path)
-        self._lock = Lock(self.path)
+        self._made = files.make_parents(self.path)
+        self._lock = files.Lock(self.path)
 
     @property
     def steps(self):
@@ -131,9 +122,9 @@ class Writer:
         kept = None if same else self._rename_earlier()
         self.snapshots, self._fields = snapshots, fields  # `close` may write them after an error
         self._set_root({
-            "state": RUNNING, "process": process_identity(), "run": self.run, "format": FORMAT,
+            "state": RUNNING, "process": files.process_identity(), "run": self.run,
+            "format": FORMAT, "pgran_version": __version__,
             "closed": self.case.closed, "options": self.case.parameters.text(),
-            "pgran_version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
             **self.case.scales(), **attributes})
         self._write_index(snapshots, fields)
@@ -287,8 +278,8 @@ class Writer:
 
         common = common_fields(self._fields, components)
         self._warn_not_finite(name, fields)
-        self.snapshots = write_draft(
-            self.disk, prepare, blocks_of(self.grid.nodes, fields, f"{GROUP}/"), finish)
+        data = files.blocks_of(self.grid.nodes, fields, f"{GROUP}/")
+        self.snapshots = files.write_draft(self.disk, prepare, data, finish)
         self._fields = common
 
     def _warn_not_finite(self, snapshot, fields):
@@ -311,7 +302,7 @@ class Writer:
         if not self._lock:
             return
         if self._root.get("state") == RUNNING:
-            with suppress(*FILE_ERRORS):  # for example if the disk is full
+            with suppress(*files.FILE_ERRORS):  # for example if the disk is full
                 self._rewrite(state=FAILED)
         with suppress(OSError):  # the folder may be missing
             self._lock.release()
