@@ -33,22 +33,11 @@ def _lattices(grid):
 
 
 def write(path, grid, run, step, values, arrays):
-    """Write a checkpoint and remove older ones beyond `KEPT`. Collective.
+    """Write a checkpoint of the result ``path`` and remove older ones beyond `KEPT`. Collective.
 
-    Raises `ParameterError` if it cannot be written; the earlier checkpoints then remain.
-
-    Parameters
-    ----------
-    path : Path
-        The result file.
-    grid : pgran.space.grid.Grid
-    run : str
-    step : int
-        Number of accepted steps.
-    values : dict
-        Numbers and texts, stored as attributes; None is left out.
-    arrays : dict of dict
-        {"nodes" | "corners" | "elements": {name: (..., n_local)}}.
+    ``values`` are numbers and texts, stored as attributes; None is left out. ``arrays`` =
+    {"nodes" | "corners" | "elements": {name: (..., n_local)}}. Raises `ParameterError` if the
+    checkpoint cannot be written; the earlier ones then remain.
     """
     lattices = _lattices(grid)
 
@@ -58,7 +47,7 @@ def write(path, grid, run, step, values, arrays):
         # Chunks at the ends of an array are stored in full: reserve twice the size of the data.
         draft = Draft(path.with_name(f"{path.stem}.checkpoint_{step:06d}.h5"),
                       16 * sum(int(np.prod(size)) for size in sizes.values()),
-                      private_path=files.private(path.with_suffix(".checkpoint")))
+                      files.private(path.with_suffix(".checkpoint")))
         with draft:
             for name, size in sizes.items():
                 draft.file.create_dataset(name, size, dtype="f8", fletcher32=True)
@@ -79,9 +68,8 @@ def write(path, grid, run, step, values, arrays):
 def newest(path, run, accept, disk):
     """Return ``accept(file)`` of the newest valid checkpoint of a run. Collective.
 
-    ``accept`` reads an open checkpoint, and raises an error for a damaged one. Also returns the
-    checkpoint (Path) and the names of newer checkpoints that could not be read, with the reasons.
-    Raises `ParameterError` if there is no valid checkpoint.
+    ``accept`` raises an error for a damaged checkpoint. Also returns the checkpoint (Path) and the
+    reasons why newer ones cannot be read. Raises `ParameterError` if there is no valid checkpoint.
     """
     damaged, comm = [], disk.comm
     for entry in disk.do(lambda: checkpoints_of(path)):

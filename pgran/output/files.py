@@ -29,7 +29,7 @@ OVERHEAD = 1 << 20
 
 
 class Disk:
-    """Operations of rank 0 on the files that the option ``name`` with its ``value`` names."""
+    """Operations of rank 0 on the file that is the ``value`` of the option ``name``."""
 
     def __init__(self, comm, name, value, prefix=PREFIX):
         self.comm, self._option = comm, (name, value, prefix)

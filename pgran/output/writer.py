@@ -55,16 +55,8 @@ class Writer:
     """Writer of the result of a run. Every method except `close` is collective.
 
     The constructor only locks the file; `begin` creates it. A file that cannot be written, or that
-    another run writes, raises `ParameterError`.
-
-    Parameters
-    ----------
-    path : str or Path
-    form : pgran.space.weakform.WeakForm
-    option : tuple of str
-        Name and prefix of the option that names the file, for messages.
-    columns : tuple of str
-        Columns of the history without the observables of the case.
+    another run writes, raises `ParameterError`. ``option`` = (name, prefix) is the option that
+    names the file, and the observables of the case follow the ``columns`` of the history.
 
     Attributes
     ----------
