@@ -159,7 +159,7 @@ def test_observables_have_their_units(tmp_path, case, units):
 
 
 @pytest.mark.parametrize("number, message", [
-    (2, "a release before 0.2"), (5, "a later version of pgran")])
+    (2, "a release older than 0.2"), (5, "a later version of pgran")])
 def test_other_formats_are_refused(small_specimen, tmp_path, number, message):
     with h5py.File(shutil.copy(small_specimen, tmp_path), "r+") as file:
         file.attrs["format"] = number

@@ -58,13 +58,13 @@ def _check(path, file, snapshots, only):
     version = file.attrs.get("format", FORMAT)
     check(version <= FORMAT, f"its format {version} belongs to a later version of pgran; this "
           f"version reads formats up to {FORMAT}")
-    check(version >= OLDEST, f"its format {version} was written by a release before 0.2; read it "
-          "with that release")
+    check(version >= OLDEST, f"its format {version} was written by a release older than 0.2; read "
+          "it with that release")
     groups = file.get("snapshots")
     check(isinstance(groups, h5py.Group), "not a pgran result file: /snapshots is missing")
     check(len(groups) >= snapshots, f"it holds {len(groups)} snapshots")
     run, targets = file.attrs.get("run"), linked(file)
-    for name in targets if only is None else {only} & set(targets):
+    for name in {only} & set(targets) if only else targets:
         problem = targets[name] and problem_of(path, run, targets[name])
         check(not problem, f"snapshot {name}: {problem}")
         group = groups[name]

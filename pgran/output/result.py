@@ -263,9 +263,9 @@ class Snapshot:
         """Return the change of a stored field over a period along x1 and x2, (2, ...)."""
         if name not in self._periods:
             with self._opened() as file:
-                data = file["snapshots"][self.name].get(name)
-                self._periods[name] = np.zeros(2) if data is None else data.attrs.get(
-                    "period", np.zeros(2))
+                group = file["snapshots"][self.name]
+                attributes = group[name].attrs if name in group else {}
+                self._periods[name] = attributes.get("period", np.zeros(2))
         return self._periods[name]
 
     @cached_property

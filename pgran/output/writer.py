@@ -139,7 +139,7 @@ class Writer:
             targets = snapshot_files.linked(file)
             for name, time in found:
                 target, group = targets[name], file["snapshots"][name]
-                if target is None or self.run != source.run:
+                if not target or self.run != source.run:
                     draft = self._snapshot_draft(sum(data.nbytes for data in group.values()))
                     target = draft.path.name
                     with draft:
