@@ -153,7 +153,7 @@ class Run:
 
     def begin(self, tried=True):
         """Create the result file; ``tried`` means that a step has used the options of PETSc."""
-        if not self.writer.begun:
+        if not self.writer.run:
             if tried:
                 report_unused(self.form.grid.comm)
             self.writer.begin(self.source, solver_options=solver_options(),

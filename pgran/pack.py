@@ -18,14 +18,10 @@ from .output.snapshots import ordered
 
 
 def pack(path, target):
-    """Copy a result with all its snapshots into one new file.
+    """Copy a result with all its snapshots into one new file ``target``.
 
-    Raises
-    ------
-    ResultError
-        If ``path`` is not a result, or a snapshot file is missing or belongs to another run.
-    OSError
-        If ``target`` exists or cannot be written.
+    Raises `ResultError` if ``path`` is not a complete result, and OSError if ``target`` exists or
+    cannot be written.
     """
     target = Path(target)
     if os.path.lexists(target):

@@ -47,8 +47,7 @@ LONGEST = ("test_multigrid.py", "test_runs.py", "test_restart.py", "test_flows.p
 class ForkServer:
     """Runs ``python -m module`` in forks of a process that has imported the modules of pgran.
 
-    One server serves all tests of a pytest process. Its start time measures how slow this machine
-    is at present.
+    Its start time measures how slow this machine is at present.
     """
 
     def __init__(self):
@@ -67,10 +66,7 @@ class ForkServer:
             for name in {*environment, *self.environment} if name.startswith("PYTHON"))
 
     def run(self, module, *arguments, folder=ROOT, limit=LIMIT):
-        """Run a command in ``folder``; return the finished process.
-
-        Raises `subprocess.TimeoutExpired` after ``limit`` seconds of an idle machine.
-        """
+        """Run a command in ``folder``; return the finished process."""
         with tempfile.TemporaryDirectory() as files:
             output, errors = (Path(files) / name for name in ("output", "errors"))
             self.process.stdin.write(json.dumps({
@@ -108,10 +104,9 @@ def pytest_sessionfinish():
 
 
 def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
-    """Run ``python arguments`` on ranks; return the finished process.
+    """Run ``python arguments`` on ranks, with a limit (s) for an idle machine.
 
-    On 0 ranks, ``-m module`` runs in a fork of the `ForkServer`, and other commands in a new
-    process. The limit is for an idle machine, s.
+    On 0 ranks, ``-m module`` runs in a fork of the `ForkServer`.
     """
     if not ranks and fork_server().serves(arguments):
         done = fork_server().run(*arguments[1:], limit=limit)
@@ -131,34 +126,24 @@ def pgran(ranks, options_file, output, *arguments, **more):
 
 
 @pytest.fixture(scope="session")
-def shared_run(tmp_path_factory):
-    """Return ``shared_run(name, ranks, options_file, *arguments)``, a run for all test files.
+def small_specimen(tmp_path_factory):
+    """Return the path of a result of a specimen of 8 d x 24 d with two snapshots.
 
-    It returns the path of the result and the printed text. The first worker makes the run, and the
-    others wait for it. Tests must not change the result.
+    All test files use it, and must not change it. The first worker makes the run, and the others
+    wait for it.
     """
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent  # the folder of all workers
-
-    def run(name, ranks, options_file, *arguments):
-        path, output = (folder / "shared" / name / f"{name}{suffix}" for suffix in (".h5", ".txt"))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path.with_suffix(".lock"), "w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            if not output.exists():
-                done = pgran(ranks, options_file, path, *arguments)
-                output.write_text(done.stdout)
-        return path, output.read_text()
-
-    return run
-
-
-@pytest.fixture(scope="session")
-def small_specimen(shared_run):
-    """Return the path of a result of a specimen of 8 d x 24 d with two snapshots."""
-    return shared_run("small", 2, "biaxial.opts", "-pgran_width", 8, "-pgran_height", 24,
-                      "-pgran_compression", 0.002, "-pgran_snapshots", "0.001,0.002")[0]
+    path = folder / "small" / "small.h5"
+    path.parent.mkdir(exist_ok=True)
+    with open(path.with_suffix(".lock"), "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not path.with_suffix(".done").exists():
+            pgran(2, "biaxial.opts", path, "-pgran_width", 8, "-pgran_height", 24,
+                  "-pgran_compression", 0.002, "-pgran_snapshots", "0.001,0.002")
+            path.with_suffix(".done").touch()
+    return path
 
 
 def refused(done, *messages):
@@ -204,22 +189,15 @@ def at_rest(form, x, theta, time=0.0, stress=None):
     return form.increment(x, form.no_stress() if stress is None else stress, theta, time)
 
 
-def owned_elements(grid):
-    """Return which local elements this rank owns, (n,) bool."""
-    return np.isin(np.arange(grid.n_elements), grid.elements.owned)
-
-
-def lattice_noise(lattice, seed):
-    """Return random numbers at the local points of a lattice, independent of the ranks."""
-    nx, ny = lattice.shape
-    table = np.random.default_rng(seed).standard_normal((ny, nx))
-    return table[lattice.j % ny, lattice.i % nx]
-
-
 def noise(grid, seed):
     """Return random unknowns (n_local,), independent of the ranks."""
-    nodes = [lattice_noise(grid.nodes, seed + k) for k in range(3)]
-    return grid.join(np.array(nodes[:2]), nodes[2], lattice_noise(grid.corners, seed + 3))
+    def values(lattice, number):
+        nx, ny = lattice.shape
+        table = np.random.default_rng(seed + number).standard_normal((ny, nx))
+        return table[lattice.j % ny, lattice.i % nx]
+
+    v1, v2, fluidity = (values(grid.nodes, number) for number in range(3))
+    return grid.join(np.array([v1, v2]), fluidity, values(grid.corners, 3))
 
 
 def newton(form, increment, local, tolerance=1e-11, max_iterations=30):

@@ -1,10 +1,8 @@
 """Runs ``python -m module arguments`` in forks of one process that has imported the modules.
 
-This saves the time for imports. Each line of standard input is JSON: {"module", "arguments",
-"folder", "environment", "output", "errors", "limit"}. The command runs in the folder with exactly
-these environment variables and writes to these two files. The server writes a line of JSON with its
-exit code, or null if the command exceeded the limit in seconds and was ended. The first line of
-output is "ready".
+Each line of standard input is JSON: {"module", "arguments", "folder", "environment", "output",
+"errors", "limit"}. The server writes a line of JSON with the exit code, or null if the command was
+ended after the limit in seconds. Its first line is "ready".
 """
 
 import ctypes

@@ -55,7 +55,7 @@ def changed(path, copy, **attributes):
 @pytest.fixture(scope="module")
 def ended():
     """The identifier of a process that has ended."""
-    code = "import pgran.output.files as f; print(f.this_process())"
+    code = "import pgran.output.files as f; print(f.process_identity())"
     return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True,
                           text=True).stdout.strip()
 
@@ -74,14 +74,14 @@ def test_the_monitor_ends_with_the_run(path, tmp_path, capsys, attributes, words
 
 
 def test_only_processes_of_this_machine_are_known_to_have_ended(path, tmp_path, ended):
-    found = map(files.is_running, (ended, files.this_process(), "another/1 12 345", ""))
+    found = map(files.is_running, (ended, files.process_identity(), "another/1 12 345", ""))
     assert list(found) == [False, True, None, None]
     result = Result(changed(path, tmp_path / "run.h5", state="running", process="another/1 2 3"))
     assert not watch.ending(result, 1000.0)
 
 
 def test_the_monitor_shows_the_last_step(path, tmp_path, capsys):
-    path = changed(path, tmp_path / "run.h5", state="running", process=files.this_process())
+    path = changed(path, tmp_path / "run.h5", state="running", process=files.process_identity())
     assert watch.main([str(path), "-once"]) == 0
     text = capsys.readouterr().out
     assert f"step {len(Result(path).history['time']):4d}  dt" in text and "*" in text

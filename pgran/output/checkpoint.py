@@ -1,8 +1,7 @@
-"""Checkpoints: files to continue a run on any number of ranks.
+"""Checkpoints NAME.checkpoint_000120.h5: files to continue a run on any number of ranks.
 
-A checkpoint of NAME.h5 is NAME.checkpoint_000120.h5, where the number counts the accepted steps. It
-is written atomically, and the last `KEPT` checkpoints are kept. Its arrays cover the complete grid:
-Q2 nodes (nj, ni, ...), corners and elements. Checksums of HDF5 detect damaged files.
+The number counts the accepted steps. The arrays cover the complete grid: Q2 nodes (nj, ni, ...),
+corners and elements. Checksums of HDF5 detect damaged files.
 """
 
 import os
@@ -12,16 +11,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from .files import (
-    FILE_ERRORS,
-    Disk,
-    Draft,
-    blocks_of,
-    error_text,
-    local_part,
-    private,
-    write_draft,
-)
+from . import files
+from .files import Disk, Draft
 
 #: Number of checkpoints of a run that are kept.
 KEPT = 2
@@ -30,10 +21,7 @@ NAME = re.compile(r"(.+)\.checkpoint_(\d+)\.h5")
 
 
 def checkpoints_of(path):
-    """Return the checkpoints of a result file, newest first, a list of Path.
-
-    If the result is a symbolic link, they are in the folder of its target.
-    """
+    """Return the checkpoints of a result file or a link to one, newest first, a list of Path."""
     path = Path(os.path.realpath(path) if os.path.islink(path) else path)
     found = [(int(match[2]), entry) for entry in path.parent.iterdir()
              if (match := NAME.fullmatch(entry.name)) and match[1] == path.stem]
@@ -45,25 +33,13 @@ def _lattices(grid):
 
 
 def write(path, grid, run, step, values, arrays):
-    """Write a checkpoint and remove older ones beyond `KEPT`. Collective.
+    """Write a checkpoint of the result ``path`` and remove older ones beyond `KEPT`. Collective.
 
-    Raises `ParameterError` if it cannot be written; the earlier checkpoints then remain.
-
-    Parameters
-    ----------
-    path : Path
-        The result file.
-    grid : pgran.space.grid.Grid
-    run : str
-        The identifier of the run.
-    step : int
-        Number of accepted steps.
-    values : dict
-        Numbers and texts, stored as attributes; None is left out.
-    arrays : dict of dict
-        {"nodes" | "corners" | "elements": {name: (..., n_local)}}.
+    ``values`` are numbers and texts, stored as attributes; None is left out. ``arrays`` =
+    {"nodes" | "corners" | "elements": {name: (..., n_local)}}. Raises `ParameterError` if the
+    checkpoint cannot be written; the earlier ones then remain.
     """
-    path, lattices = Path(path), _lattices(grid)
+    lattices = _lattices(grid)
 
     def prepare():
         sizes = {f"{kind}/{name}": lattices[kind].shape[::-1] + value.shape[:-1]
@@ -71,7 +47,7 @@ def write(path, grid, run, step, values, arrays):
         # Chunks at the ends of an array are stored in full: reserve twice the size of the data.
         draft = Draft(path.with_name(f"{path.stem}.checkpoint_{step:06d}.h5"),
                       16 * sum(int(np.prod(size)) for size in sizes.values()),
-                      private_path=private(path.with_suffix(".checkpoint")))
+                      files.private(path.with_suffix(".checkpoint")))
         with draft:
             for name, size in sizes.items():
                 draft.file.create_dataset(name, size, dtype="f8", fletcher32=True)
@@ -84,18 +60,16 @@ def write(path, grid, run, step, values, arrays):
         for old in checkpoints_of(path)[KEPT:]:
             old.unlink()
 
-    write_draft(Disk(grid.comm.tompi4py(), "output", path), prepare, (
+    files.write_draft(Disk(grid.comm.tompi4py(), "output", path), prepare, (
         entry for kind, fields in arrays.items()
-        for entry in blocks_of(lattices[kind], fields, f"{kind}/")), finish)
+        for entry in files.blocks_of(lattices[kind], fields, f"{kind}/")), finish)
 
 
 def newest(path, run, accept, disk):
     """Return ``accept(file)`` of the newest valid checkpoint of a run. Collective.
 
-    ``accept`` reads an open checkpoint on every rank, and raises an error for a damaged one. Also
-    returns the checkpoint (Path) and the names of newer checkpoints that could not be read, with
-    the reasons. Checkpoints of other runs are skipped. Raises `ParameterError` if there is no valid
-    checkpoint.
+    ``accept`` raises an error for a damaged checkpoint. Also returns the checkpoint (Path) and the
+    reasons why newer ones cannot be read. Raises `ParameterError` if there is no valid checkpoint.
     """
     damaged, comm = [], disk.comm
     for entry in disk.do(lambda: checkpoints_of(path)):
@@ -105,8 +79,8 @@ def newest(path, run, accept, disk):
                 if file.attrs["run"] != run:
                     raise ValueError("it belongs to another run")
                 result = accept(file)
-        except FILE_ERRORS as problem:
-            error = error_text(problem)
+        except files.FILE_ERRORS as problem:
+            error = files.error_text(problem)
         errors = [text for text in comm.allgather(error) if text]
         if not errors:
             return result, entry, damaged
@@ -131,10 +105,9 @@ def read_numbers(file, names):
 
 
 def read_arrays(file, grid, like):
-    """Return arrays of an open checkpoint at the local points of a grid, in the form of `write`.
+    """Return arrays of an open checkpoint in the form of `write`, with the names of ``like``.
 
-    ``like`` has the names and components. Raises OSError or ValueError if an array is missing,
-    damaged, of another shape or not finite.
+    Raises OSError or ValueError if an array is missing, damaged, of another shape or not finite.
     """
     arrays = {}
     for kind, lattice in _lattices(grid).items():
@@ -143,7 +116,7 @@ def read_arrays(file, grid, like):
             data, shape = file.get(f"{kind}/{name}"), lattice.shape[::-1] + values.shape[:-1]
             if not isinstance(data, h5py.Dataset) or data.dtype.kind != "f" or data.shape != shape:
                 raise ValueError(f"{name} is not an array of {' x '.join(map(str, shape))} numbers")
-            found = arrays[kind][name] = local_part(data, lattice.i, lattice.j)
+            found = arrays[kind][name] = files.local_part(data, lattice.i, lattice.j)
             if not np.isfinite(found).all():
                 raise ValueError(f"{name} contains NaN or infinite values")
     return arrays

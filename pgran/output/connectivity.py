@@ -1,8 +1,7 @@
 """Node numbers of cells and Q2 elements on a grid of (ny, nx) nodes, numpy only.
 
-A direction is ``closed`` if its last nodes are neighbours of its first nodes in space, as around a
-ring. A periodic direction that is not closed can have its first nodes ``repeated`` at the end of
-the period. Both are tuples of bool, for x1 and x2.
+``closed`` directions (bool for x1 and x2) form a ring. Other periodic directions can have their
+first nodes ``repeated`` at the end of the period.
 """
 
 import numpy as np
@@ -33,7 +32,7 @@ def _elements(node, closed, size, offsets):
 
 
 def numbers(shape, repeated):
-    """Return the numbers (ny, nx) of nodes, one row or column larger where nodes are repeated.
+    """Return the numbers of nodes, (ny, nx) and larger by one row or column of repeated nodes.
 
     The repeated nodes have the last numbers, row by row.
     """

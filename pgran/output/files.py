@@ -1,18 +1,16 @@
-"""Atomic writing of files by rank 0, with errors that all ranks share.
+"""Atomic writing of files by rank 0, with errors that all ranks raise.
 
-A new version of a file is written under a private name, flushed to the disk and renamed. A reader
-therefore finds the last complete version, even if the run is killed. Only rank 0 writes: it
-receives the blocks of the other ranks one by one. A full disk, a quota or a missing folder then
-raises an exception on rank 0, which all ranks raise, and no rank hangs in a collective write.
+A new version of a file is written under a private name, flushed to the disk and renamed, so that a
+reader finds a complete version even if the run is killed. No rank hangs after an error of rank 0.
 """
 
 import errno
 import fcntl
 import io
 import os
-import shutil
 import socket
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -26,17 +24,12 @@ RESULTS = "results"
 NO_LOCKS = {errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP}
 #: Errors of the system and of h5py when a file is read or written.
 FILE_ERRORS = OSError, RuntimeError, KeyError, ValueError
-#: Largest message with field values between ranks, bytes; a message has at least one row of nodes.
-MESSAGE_SIZE = 1 << 23
 #: Upper bound of what HDF5 adds to a file in one update besides the data, bytes.
 OVERHEAD = 1 << 20
 
 
 class Disk:
-    """Operations of rank 0 on the files that an option names.
-
-    ``name``, ``value`` and ``prefix`` are the option and its value, for messages.
-    """
+    """Operations of rank 0 on the file that is the ``value`` of the option ``name``."""
 
     def __init__(self, comm, name, value, prefix=PREFIX):
         self.comm, self._option = comm, (name, value, prefix)
@@ -74,7 +67,7 @@ def collectively(comm, action):
 
 
 def error_text(problem):
-    """Return the message of an error of the system or of HDF5, one line."""
+    """Return the message of an error in one line."""
     text = getattr(problem, "reason", None) or getattr(problem, "strerror", None) or str(problem)
     return (text.splitlines() or [type(problem).__name__])[0]
 
@@ -97,17 +90,15 @@ class Lock:
                           f"({problem.strerror}); another run can write this file at the same "
                           "time", file=sys.stderr, flush=True)
                     break
-                self._file.seek(0)
-                holder = self._file.read().strip() or "unknown"
-                self._file.close()
+                with self._file:
+                    self._file.seek(0)
+                    holder = self._file.read().strip() or "unknown"
                 if not isinstance(problem, BlockingIOError):
                     raise
                 raise OSError(f"another run writes it ({holder})") from None
-            try:  # the previous holder may have removed the file in between
+            with suppress(FileNotFoundError):  # the previous holder may have removed the file
                 if os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.path)):
                     break
-            except FileNotFoundError:
-                pass
             self._file.close()
         self._file.truncate(0)
         self._file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
@@ -120,13 +111,12 @@ class Lock:
             self._file.close()
 
 
-def this_process():
-    """Return the `process_identity` of this process."""
-    return process_identity(os.getpid())
+def process_identity(number=None):
+    """Return a text that identifies a running process (default: this one).
 
-
-def process_identity(number):
-    """Return a text that identifies a running process; empty if it has ended, or without /proc."""
+    It is empty if the process has ended, or without /proc.
+    """
+    number = number or os.getpid()
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         namespace = os.stat("/proc/self/ns/pid").st_ino
@@ -139,7 +129,7 @@ def process_identity(number):
 def is_running(identity):
     """Return whether the process with this identity runs; None if it belongs to another machine."""
     machine, number = (*identity.split(), "", "")[:2]
-    if not machine or machine != this_process().partition(" ")[0]:
+    if not machine or machine != process_identity().partition(" ")[0]:
         return None
     return process_identity(number) == identity
 
@@ -147,20 +137,17 @@ def is_running(identity):
 class Draft:
     """The next version of an HDF5 file, under a private name until it is complete.
 
-    As a context manager it is removed after an error, and stays open otherwise. It begins with the
-    content of the file ``source``, or empty. ``size`` bytes are reserved first, so that a full disk
-    or a quota raises its error here and not inside HDF5. The open h5py.File is ``file``.
+    As a context manager it is removed after an error, and stays open otherwise. ``size`` bytes are
+    reserved first, so that a full disk raises its error here and not inside HDF5. The open
+    h5py.File is ``file``.
     """
 
-    def __init__(self, path, size, source=None, private_path=None):
+    def __init__(self, path, size, private_path=None):
         self.path, self._private = Path(path), private_path or private(path)
+        empty = io.BytesIO()
+        h5py.File(empty, "w").close()
         try:
-            if source:
-                shutil.copyfile(source, self._private)
-            else:
-                empty = io.BytesIO()
-                h5py.File(empty, "w").close()
-                self._private.write_bytes(empty.getvalue())
+            self._private.write_bytes(empty.getvalue())
             with open(self._private, "r+b") as file:
                 os.posix_fallocate(file.fileno(), 0,
                                    os.fstat(file.fileno()).st_size + size + OVERHEAD)
@@ -178,16 +165,13 @@ class Draft:
 
     def publish(self, flush):
         """Close the draft and replace the file; ``flush`` waits until the data is on the disk."""
-        try:
+        with self:
             self.file.close()
             if flush:
                 _sync(self._private)
             self._private.replace(self.path)
             if flush:
                 _sync(self.path.parent)
-        except BaseException:
-            self._remove()
-            raise
 
     def drop(self):
         """Remove the draft; the file is unchanged."""
@@ -197,10 +181,8 @@ class Draft:
             self._remove()
 
     def _remove(self):
-        try:
-            self._private.unlink(missing_ok=True)
-        except OSError:  # the folder may be missing or read-only
-            pass
+        with suppress(OSError):  # the folder may be missing or read-only
+            self._private.unlink()
 
 
 def _sync(path):
@@ -217,9 +199,9 @@ def private(path):
 
 
 def make_parents(path):
-    """Create the missing folders of a file and return them.
+    """Create and return the missing folders of a file, `RESULTS` and folders below it.
 
-    Raises OSError if one of them is neither `RESULTS` nor below it: the path may be mistyped.
+    Other missing folders raise OSError, because the path may be mistyped.
     """
     missing = [folder for folder in Path(path).parents if not folder.exists()]
     if any(RESULTS not in folder.parts for folder in missing):
@@ -236,11 +218,10 @@ def write_text(path, text):
 
 
 def write_draft(disk, prepare, data, finish):
-    """Write a file with the blocks of all ranks. Collective.
+    """Write a file with the blocks of all ranks, see `write_blocks`. Collective.
 
     On rank 0 ``prepare()`` returns a `Draft` with empty datasets, and ``finish(draft)`` publishes
-    it; its result is returned on all ranks. ``data`` has the form that `write_blocks` needs. After
-    an error the draft is removed, and all ranks raise a `ParameterError`.
+    it; its result is returned on all ranks. All ranks raise the `ParameterError` of rank 0.
     """
     draft = None
 
@@ -257,62 +238,35 @@ def write_draft(disk, prepare, data, finish):
 
 
 def write_blocks(comm, file, data):
-    """Write the blocks of all ranks into datasets of an open file. Collective.
+    """Write the blocks of all ranks into datasets of a ``file`` that is open on rank 0. Collective.
 
-    The other ranks send messages of about `MESSAGE_SIZE`, and rank 0 holds one of them at a time.
-    Returns the error text on rank 0, or None. All blocks are received even after an error.
-
-    Parameters
-    ----------
-    comm : mpi4py.MPI.Comm
-    file : h5py.Group or None
-        The target on rank 0; None on the other ranks.
-    data : iterable of (str, tuple of slice, ndarray)
-        Name of a dataset of real numbers, this rank's block of its first two axes, and the values
-        of the block. Names and components are the same on all ranks, in the same order.
+    ``data`` yields the same datasets on all ranks: the name, this rank's block of the first two
+    axes (tuple of slice), and the values of the block. Rank 0 receives one block at a time, and all
+    of them even after an error. Returns the error text on rank 0, or None.
     """
     error = None
     for name, block, values in data:
-        bounds = np.array([[part.start, part.stop] for part in block])
         if comm.rank:
-            comm.Send(bounds, 0)
-            for rows in _pieces(values.shape):
-                comm.Send(np.ascontiguousarray(values[rows], float), 0)
+            comm.send((block, values), 0)
             continue
         for source in range(comm.size):
             if source:
-                comm.Recv(bounds, source)
-            (j0, j1), (i0, i1) = bounds
-            shape = j1 - j0, i1 - i0, *values.shape[2:]
-            for rows in _pieces(shape):
-                part = values[rows]
-                if source:
-                    part = np.empty((rows.stop - rows.start, *shape[1:]))
-                    comm.Recv(part, source)
-                try:
-                    if not error:
-                        file[name][j0 + rows.start:j0 + rows.stop, i0:i1] = part
-                except (*FILE_ERRORS, TypeError) as problem:
-                    error = error_text(problem)
+                block, values = comm.recv(source=source)
+            try:
+                if not error:
+                    file[name][block] = values
+            except (*FILE_ERRORS, TypeError) as problem:
+                error = error_text(problem)
     return error
 
 
-def _pieces(shape):
-    """Return slices of the rows of a block of real numbers, one for each message."""
-    step = max(1, MESSAGE_SIZE // max(1, 8 * int(np.prod(shape[1:]))))
-    return [slice(j, min(j + step, shape[0])) for j in range(0, shape[0], step)]
-
-
 def blocks_of(lattice, fields, group=""):
-    """Yield (name, block, values) of nodal ``fields``, {name: (..., n_local)}, on a lattice.
-
-    The blocks belong to arrays (nj, ni, ...) in a ``group`` of the file.
-    """
-    block = (slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1))
+    """Yield the data of `write_blocks` for ``fields``, {name: (..., n_local)}, on a lattice."""
+    block = slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1)
     shape = lattice.j1 - lattice.j0, lattice.i1 - lattice.i0
     for name, values in fields.items():
         yield f"{group}{name}", block, np.moveaxis(
-            values[..., lattice.owned].reshape(values.shape[:-1] + shape), (-2, -1), (0, 1)).copy()
+            values[..., lattice.owned].reshape(values.shape[:-1] + shape), (-2, -1), (0, 1))
 
 
 def local_part(data, i, j):

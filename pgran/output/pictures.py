@@ -16,8 +16,9 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 
 from ..options import OptionError, not_among
+from .connectivity import cells
 from .reader import ResultError
-from .result import QUANTITIES, Result, cells
+from .result import QUANTITIES, Result
 
 matplotlib.rcParams["svg.fonttype"] = "none"  # SVG files contain text, not outlines
 

@@ -1,4 +1,4 @@
-"""Reading of result files, h5py only: an invalid or incomplete file is refused with the reason."""
+"""Reading of result files, h5py only; an invalid file is refused with the reason."""
 
 import os
 from contextlib import contextmanager
@@ -13,9 +13,8 @@ from ..space.element import DIM
 from .files import error_text
 from .snapshots import linked, problem_of
 
-#: Version of the layout of result files. Earlier versions are read: 3 has no links to snapshot
-#: files, and 2 also has no /VTKHDF and no units.
-FORMAT = 4
+#: Version of the layout of result files, and the oldest one that is read, of release 0.2.
+FORMAT, OLDEST = 4, 3
 #: Shape of the components of fields that have any.
 FIELDS = {"coordinates": (DIM,), "velocity": (DIM,), "deviator": (COMPONENTS,)}
 #: Options of a result that are not used by a run that starts from it.
@@ -23,7 +22,7 @@ NOT_TAKEN = "restart", "restart_snapshot", "output", "progress"
 
 
 class ResultError(ValueError):
-    """A file is not a valid, complete result; ``reason`` does not contain the name of the file."""
+    """A file is not a valid result; ``reason`` does not contain the name of the file."""
 
     def __init__(self, path, reason):
         super().__init__(f"{path}: {reason}")
@@ -35,13 +34,12 @@ def opened(path, snapshots=0, only=None):
     """Open a result file for reading, as a context. Not collective.
 
     All snapshots are checked, or the one named ``only``. Raises `ResultError` if it is not a result
-    file, is incomplete, or has less than ``snapshots`` snapshots, also while it is read.
+    file or has less than ``snapshots`` snapshots, also while it is read.
     """
     try:
-        if not os.path.exists(path):
-            raise ResultError(path, "there is no such file")
         if not os.path.isfile(path):
-            raise ResultError(path, "it is not a regular file")
+            raise ResultError(path, "it is not a regular file" if os.path.exists(path) else
+                              "there is no such file")
         with h5py.File(path, "r", locking=False) as file:  # it is never changed in place
             _check(path, file, snapshots, only)
             yield file
@@ -53,7 +51,6 @@ def opened(path, snapshots=0, only=None):
 
 
 def _check(path, file, snapshots, only):
-    """Raise `ResultError` unless a file has the layout of a result."""
     def check(valid, reason):
         if not valid:
             raise ResultError(path, reason)
@@ -61,11 +58,13 @@ def _check(path, file, snapshots, only):
     version = file.attrs.get("format", FORMAT)
     check(version <= FORMAT, f"its format {version} belongs to a later version of pgran; this "
           f"version reads formats up to {FORMAT}")
+    check(version >= OLDEST, f"its format {version} was written by a release older than 0.2; read "
+          "it with that release")
     groups = file.get("snapshots")
     check(isinstance(groups, h5py.Group), "not a pgran result file: /snapshots is missing")
     check(len(groups) >= snapshots, f"it holds {len(groups)} snapshots")
     run, targets = file.attrs.get("run"), linked(file)
-    for name in targets if only is None else {only} & set(targets):
+    for name in {only} & set(targets) if only else targets:
         problem = targets[name] and problem_of(path, run, targets[name])
         check(not problem, f"snapshot {name}: {problem}")
         group = groups[name]
@@ -105,8 +104,8 @@ def stored_parameters(file):
 def continued(texts):
     """Return the options of a run that continues from a checkpoint, {name: text}.
 
-    Options that are missing in ``texts`` come from the run that ``pgran_restart`` names. The output
-    is its file. Raises `ParameterError` if it is not a result, or if options contradict it.
+    Options that are missing in ``texts`` come from the run that ``pgran_restart`` names, as does
+    the output. Raises `ParameterError` if it is not a result, or if options contradict it.
     """
     path = texts[f"{PREFIX}restart"]
     stored, merged = _merged(texts, NOT_TAKEN, "a restarted run")
@@ -118,11 +117,7 @@ def continued(texts):
 
 
 def begun_from(texts):
-    """Return the options of a computation that starts from a snapshot, {name: text}.
-
-    Options that are missing in ``texts`` come from the run that ``pgran_restart`` names. Raises
-    `ParameterError` if it is not a result, or if its case, model or law differs.
-    """
+    """Return the options of a computation that starts from a snapshot; see `continued`."""
     return _merged(texts, (*NOT_TAKEN, "mode_file", "mode_amplitude"),
                    "a computation from a snapshot")[1]
 

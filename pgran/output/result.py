@@ -1,9 +1,4 @@
-"""Results as arrays: options, history and fields of a result file; numpy and h5py only.
-
-`pgran.open` returns a `Result` with ``result.options``, ``result.history`` and
-``result.snapshots``. A snapshot gives stored fields and the fields of `QUANTITIES` on the Q2 nodes,
-and a pyvista grid of Q2 elements.
-"""
+"""Results as arrays: options, history and fields of a result file; numpy and h5py only."""
 
 import os
 from contextlib import contextmanager
@@ -18,7 +13,7 @@ from ..material.elasticity import strain_fields
 from ..options import PREFIX, ParameterError
 from ..space.element import GAUSS_TO_NODES, NODES, Geometry
 from . import band
-from .connectivity import QUADRATIC, cells, numbers, q2_elements  # noqa: F401
+from .connectivity import QUADRATIC, q2_elements
 from .reader import ResultError, field_of, opened, stored_parameters
 from .snapshots import linked
 
@@ -99,15 +94,14 @@ class Result:
     ----------
     path : str or Path
         The HDF5 file. It may belong to a running job.
-    run : str or None, optional
+    run : str, optional
         The identifier of the run that the file must hold (default: any run).
 
     Attributes
     ----------
     path : Path
-        The absolute path of the file.
-    run : str or None
-        The identifier of the run. Files of release 0.1 have none.
+        Absolute.
+    run : str
     attributes : dict
         Root attributes: versions, scales, and the cost of a completed run.
     parameters : pgran.options.Parameters
@@ -123,8 +117,7 @@ class Result:
     Raises
     ------
     ResultError
-        If it is not a result file. Reading a field raises it also if another run has replaced the
-        file.
+        If it is not a result file, or if another run replaces the file before a field is read.
     """
 
     def __init__(self, path, run=ANY):
@@ -149,10 +142,7 @@ class Result:
 
     @contextmanager
     def opened(self, only=None):
-        """Open the file as a context; raises `ResultError` if it holds another run.
-
-        ``only`` names the snapshot that will be read.
-        """
+        """Open the file as a context to read all snapshots or ``only`` one."""
         with opened(self.path, only=only) as file:
             if self.run is not ANY and file.attrs.get("run") != self.run:
                 raise ResultError(self.path, "another run has replaced the run that was read from "
@@ -167,7 +157,7 @@ class Result:
     @property
     def complete(self):
         """Whether the run was completed."""
-        return bool(self.attributes.get("complete", False))
+        return bool(self.attributes.get("complete"))
 
     @property
     def steady(self):
@@ -176,10 +166,7 @@ class Result:
         return "steady_residual" in self.attributes or (len(time) > 1 and not np.ptp(time))
 
     def progress(self):
-        """Return name and values (steps,) of the abscissa of the history.
-
-        It is the progress of the case, or the number of the step for a steady flow.
-        """
+        """Return name and values (steps,) of the progress, for a steady flow the step numbers."""
         if self.steady:
             return "step", np.arange(1, len(self.history["time"]) + 1)
         return self.case.progress_name, self.history[self.case.progress_name]
@@ -198,10 +185,7 @@ class Result:
         return tuple(map(bool, self.attributes.get("closed", (False, False))))
 
     def unit(self, name):
-        """Return the unit of a field; empty for a pure number.
-
-        Raises `ResultError` for a stress whose case cannot be created.
-        """
+        """Return the unit of a field; empty for a pure number."""
         if name in QUANTITIES:
             unit = QUANTITIES[name].unit
             return self.case.stress_unit if unit == "stress" else unit
@@ -221,15 +205,12 @@ class Snapshot:
     attributes : dict
         For example ``time`` (1/gdot0) and ``label``.
     target : str or None
-        The name of its file; None for a snapshot inside the result file.
+        The name of its file; None inside the result file.
     """
 
     def __init__(self, result, name, attributes, target=None):
         self.result, self.name, self.attributes = result, name, attributes
         self.target, self._read, self._periods = target, {}, {}
-
-    def __repr__(self):
-        return f"<snapshot {self.name} of {self.result.path}: {self.label}>"
 
     @property
     def time(self):
@@ -279,15 +260,12 @@ class Snapshot:
         self._periods.update(periods or {})
 
     def period(self, name):
-        """Return the change of a stored field across a periodic grid along x1 and x2, (2, ...).
-
-        It is zero for fields without the attribute ``period``.
-        """
+        """Return the change of a stored field over a period along x1 and x2, (2, ...)."""
         if name not in self._periods:
             with self._opened() as file:
-                data = file["snapshots"][self.name].get(name)
-                self._periods[name] = np.zeros(2) if data is None else data.attrs.get(
-                    "period", np.zeros(2))
+                group = file["snapshots"][self.name]
+                attributes = group[name].attrs if name in group else {}
+                self._periods[name] = attributes.get("period", np.zeros(2))
         return self._periods[name]
 
     @cached_property
@@ -297,10 +275,9 @@ class Snapshot:
             self.result.closed, self.period("coordinates")))
 
     def continued(self, axes):
-        """Return the snapshot with its first nodes repeated at the end of periodic directions.
+        """Return the snapshot with its first nodes repeated at the end of the periodic ``axes``.
 
-        ``axes`` are two bool, for x1 and x2. The repeated nodes have the coordinates and
-        velocities of the next period.
+        ``axes`` are two bool, for x1 and x2. The repeated nodes belong to the next period.
         """
         return _Continued(self, axes) if any(axes) else self
 
@@ -309,17 +286,10 @@ class Snapshot:
         """The snapshot with the first nodes repeated in all periodic directions."""
         return self.continued(tuple(map(np.logical_or, self.result.closed, self.open_ends)))
 
-    @cached_property
-    def velocity_gradient(self):
-        """(2, 2, ny, nx): d v_i/d x_j, gdot0, from the Gauss points."""
-        return self._at_nodes(self._gradient(self.whole.stored("velocity"), self.whole.x))
-
     def strain_field(self, name):
         """Return one of `pgran.material.elasticity.strain_fields`, (ny, nx, ...).
 
-        If the file lacks it, such as the file of a mode, it is computed as in
-        `pgran.space.diagnostics.nodal_strains`. Raises `ResultError` for a strain since the
-        start on a fixed mesh, and if the nodes do not form elements.
+        The file of a mode lacks them, so they are computed from velocity and coordinates.
         """
         if name in self._read or name in self.names:
             return self.stored(name)
@@ -372,21 +342,19 @@ class Snapshot:
     def grid(self, *names):
         """Return a pyvista UnstructuredGrid of Q2 elements with fields at the nodes.
 
-        It has all fields of the file unless ``names`` are given. Vectors get a third component of
-        zero. On a grid that is periodic but not closed in space, the first nodes are repeated at
-        the end of the period.
+        It has the fields ``names`` (default: all fields of the file), and extends to the end of
+        the period. Vectors get a third component of zero.
         """
         import pyvista
 
-        shown, shape = self.continued(self.open_ends), self.x.shape[:2]
-        order = np.argsort(numbers(shape, self.open_ends).ravel())
-        elements = q2_elements(shape, self.result.closed, self.open_ends)
-        points = np.pad(shown.x.reshape(-1, 2)[order], ((0, 0), (0, 1)))
+        shown = self.continued(self.open_ends)
+        elements = q2_elements(shown.x.shape[:2], self.result.closed)
+        points = np.pad(shown.x.reshape(-1, 2), ((0, 0), (0, 1)))
         grid = pyvista.UnstructuredGrid(
             np.insert(elements, 0, NODES, axis=1).ravel(),
             np.full(len(elements), pyvista.CellType.BIQUADRATIC_QUAD), points)
         for name in names or self.names:
-            flat = shown[name].reshape(len(points), -1)[order]
+            flat = shown[name].reshape(len(points), -1)
             grid[name] = flat.ravel() if flat.shape[1] == 1 else (
                 np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1] == 2 else flat)
         return grid
@@ -400,11 +368,9 @@ class _Continued(Snapshot):
         self._of, self._axes, self.whole, self.open_ends = snapshot, axes, self, (False, False)
 
     def stored(self, name):
-        """Return a field of the file, (ny, nx, ...), with the repeated nodes."""
         return self._extended(self._of.stored(name), self._of.period(name))
 
     def strain_field(self, name):
-        """Return `Snapshot.strain_field` with the repeated nodes."""
         return self._extended(self._of.strain_field(name), np.zeros(2))
 
     def _extended(self, field, period):
@@ -415,11 +381,7 @@ class _Continued(Snapshot):
 
 
 def options_of(values):
-    """Return command-line words of options {name: value}.
-
-    A name is a pgran option without its prefix, or another option with its dash, for example
-    ``{"-snes_atol": 1e-6}``.
-    """
+    """Return command-line words of options, such as {"width": 8, "-snes_atol": 1e-6}."""
     words = []
     for name, value in values.items():
         if isinstance(value, (bool, np.bool_)):

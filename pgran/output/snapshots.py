@@ -1,9 +1,7 @@
-"""Snapshot files: each snapshot is written once, to a separate file in the folder of NAME.h5.
+"""Snapshot files NAME.snapshot_RUN_0003.h5, with identifier of the run and serial number.
 
-NAME.snapshot_RUN_0003.h5 has the identifier RUN of the run and a serial number in its name. It
-holds the fields in the group `GROUP`, and its name (``file``) and ``run`` as root attributes. It is
-never changed, and its name is never reused. NAME.h5 has an external link to it without a folder, so
-that all files can be moved together.
+Such a file holds the fields in the group `GROUP`, and its name (``file``) and ``run`` as root
+attributes. NAME.h5 has an external link to it without a folder, so that all files can be moved.
 """
 
 import os
@@ -28,7 +26,7 @@ def ordered(groups):
 
 
 def linked(file):
-    """Return {name: file name} of the snapshots of an open result; None inside the result."""
+    """Return {name: file name} of the snapshots of a result; None for those inside the result."""
     groups, found = file["snapshots"], {}
     for name in ordered(groups):
         link = groups.get(name, getlink=True)
@@ -37,10 +35,7 @@ def linked(file):
 
 
 def add_link(file, name, target, ends=(False, False)):
-    """Link snapshot ``name`` of an open result to the file named ``target``.
-
-    ``ends`` says along which of x1 and x2 the file has repeated nodes.
-    """
+    """Link snapshot ``name`` of an open result to the file named ``target``."""
     file["snapshots"][name] = h5py.ExternalLink(target, f"/{GROUP}")
     if any(ends):
         file.require_group(REPEATED)[name] = h5py.ExternalLink(target, f"/{REPEATED}")
@@ -48,24 +43,21 @@ def add_link(file, name, target, ends=(False, False)):
 
 def files_of(path, run):
     """Return {serial number: Path} of the snapshot files of a run under the name of a result."""
-    path = Path(path)
     return {int(match[3]): entry for entry in path.parent.iterdir()
             if (match := NAME.fullmatch(entry.name)) and match[1] == path.stem and match[2] == run}
 
 
 def file_name(path, run, serial):
     """Return the path of the snapshot file with a serial number that belongs to a result."""
-    path = Path(path)
     return path.with_name(f"{path.stem}.snapshot_{run}_{serial:04d}.h5")
 
 
 def remove_unlinked(path, run, kept):
     """Remove the `files_of` a run whose names are not in ``kept``.
 
-    Nothing is removed if another result in the folder holds the same run, such as a copy of the
-    result: it may link to them.
+    Nothing is removed if the folder has another result of the run, such as a copy that links to
+    these files.
     """
-    path = Path(path)
     extra = [entry for entry in files_of(path, run).values() if entry.name not in kept]
     if extra and not any(_run_of(entry) == run for entry in path.parent.glob("*.h5")
                          if entry.name != path.name and not NAME.fullmatch(entry.name)

@@ -1,6 +1,6 @@
 """Start files of a run: snapshots, modes and earlier results. Collective."""
 
-from pathlib import Path
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -13,25 +13,23 @@ from .snapshots import ordered
 #: Prefix of the fields of the base flow of a mode.
 BASE = "base_"
 #: Root attributes that describe the end of a run.
-ENDING = {"complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
+ENDING = {"state", "complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
           "linear_iterations", "seconds", "memory", "ranks"}
 
 
-class Source:
-    """The first ``steps`` and ``snapshots`` of a result that a run continues.
+class Source(NamedTuple):
+    """The first ``steps`` and ``snapshots`` of the result ``path`` that a run continues."""
 
-    ``run`` is the identifier of the run.
-    """
-
-    def __init__(self, path, run, steps, snapshots):
-        self.path, self.run, self.steps, self.snapshots = Path(path), run, steps, snapshots
+    path: str
+    run: str
+    steps: int
+    snapshots: int
 
     def read(self, file, columns):
         """Read an open result up to the checkpoint, and add its history to ``columns``.
 
-        Returns (name, time) of each snapshot; {name: shape of its components} of the fields in all
-        snapshots, or None; and the root attributes except `ENDING`. Raises OSError if steps or
-        snapshots are missing.
+        Returns (name, time) of each snapshot, the `common_fields` of the snapshots, and the root
+        attributes except `ENDING`. Raises OSError if steps or snapshots are missing.
         """
         history, groups = file["history"], file["snapshots"]
         if len(groups) < self.snapshots or any(
@@ -51,31 +49,28 @@ class Source:
 
 
 def common_fields(known, components):
-    """Return the fields that have the same shape in ``known`` and in a snapshot.
+    """Return the fields except ``coordinates`` with one shape in ``known`` and in a snapshot.
 
-    Both are {name: shape of its components}; None accepts all fields of the snapshot. The
-    coordinates are left out.
+    Both are {name: shape of its components}; None accepts all fields of the snapshot.
     """
-    known = components if known is None else known
     return {name: size for name, size in components.items()
-            if name != "coordinates" and known.get(name) == size}
+            if name != "coordinates" and (known is None or known.get(name) == size)}
 
 
 def read_snapshot(parameters, form):
-    """Return attributes and fields {name: (..., n)} of the snapshot named by a restart. Collective.
+    """Return attributes and fields {name: (..., n_local)} of the snapshot named by a restart.
 
-    The fields are at the local nodes of the grid of the form. Raises `ParameterError` if the file,
-    the snapshot, its grid or its physics does not fit.
+    Raises `ParameterError` if the file, the snapshot, its grid or its physics does not fit.
     """
     return _read_fields(parameters, "restart", parameters.restart_snapshot, form,
                         ("coordinates", "velocity", "pressure", "fluidity", "deviator"))
 
 
 def read_mode(parameters, form):
-    """Return the mode of a mode file and its base flow, {name: (..., n)}. Collective.
+    """Return the mode of a mode file and its base flow, {name: (..., n_local)}.
 
-    The fields are at local nodes. The maximum velocity of the mode is 1. The base flow is empty if
-    it is the reference flow. Raises `ParameterError` like `read_snapshot`.
+    The base flow is empty if it is the reference flow. Raises `ParameterError` like
+    `read_snapshot`.
     """
     names = ("velocity", "pressure") + (("fluidity",) if form.grid.has_fluidity else ())
     base = tuple(BASE + name for name in (*names, "deviator"))
@@ -84,7 +79,6 @@ def read_mode(parameters, form):
 
 
 def _read_fields(parameters, start, number, form, names, optional=()):
-    """Read fields of a snapshot of the file that the option ``start`` names."""
     path, lattice = getattr(parameters, start), form.grid.nodes
 
     def refuse(reason):

@@ -1,8 +1,7 @@
 """VTKHDF: a result file is also a temporal UnstructuredGrid of biquadratic quadrilaterals.
 
-ParaView and pyvista then show Q2 fields as Q2. ``/VTKHDF`` holds the elements once. Points and
-point data are virtual datasets over the fields of the snapshots, without a second copy. Vectors are
-padded with zeros to three components, and tensors to nine.
+Points and point data are virtual datasets over the fields of the snapshots, without a second copy.
+Vectors are padded with zeros to three components, and tensors to nine.
 """
 
 import h5py
@@ -24,10 +23,7 @@ NUMBERED = {"snapshots": "Snapshots", REPEATED: "Repeated"}
 
 
 def link(file, closed=(False, False)):
-    """Write ``/VTKHDF`` and the repeated nodes of an open result file that has all snapshots.
-
-    ``closed`` is explained in `pgran.output.connectivity`.
-    """
+    """Write ``/VTKHDF`` and the repeated nodes of an open result file that has all snapshots."""
     groups = {name: file["snapshots"][name] for name in ordered(file["snapshots"])}
     if not groups:
         return
@@ -45,9 +41,8 @@ def link(file, closed=(False, False)):
 def write(file, times, shape, fields, closed=(False, False), ends=(False, False)):
     """Write ``/VTKHDF`` into an open result file; no snapshot is opened.
 
-    The file has ``/snapshots`` with these ``times`` (1/gdot0) on ``shape`` = (ny, nx) nodes, and
-    ``/repeated`` for ``ends``, the directions with repeated nodes. ``fields`` = {name: shape of its
-    components} are the fields that all snapshots have.
+    ``times`` (1/gdot0) belong to the snapshots on ``shape`` = (ny, nx) nodes, ``ends`` are the
+    directions with repeated nodes, and ``fields`` = {name: shape of its components}.
     """
     elements, count = q2_elements(shape, closed, ends), len(times)
     nodes = numbers(shape, ends).size
@@ -89,12 +84,7 @@ def open_ends(group, closed):
 
 
 def repeat(group, target, ends):
-    """Write the fields of a snapshot at the repeated nodes, in the order of `numbers`.
-
-    They go from ``group`` to ``target``, h5py.Group. ``ends`` says along which of x1 and x2 the
-    first nodes are repeated. Fields
-    with an attribute ``period`` change by it.
-    """
+    """Write the fields of a snapshot ``group`` at the repeated nodes, in the order of `numbers`."""
     for name, data in group.items():
         along, up = data.attrs.get("period", np.zeros(DIM))
         parts = []
@@ -111,8 +101,8 @@ def _virtual(root, name, field, shape, components, count, more):
     """Create a dataset that shows a field of all snapshots one after the other.
 
     The field is (*shape, *components) in a snapshot, and (more, *components) at its repeated nodes.
-    One mapping serves any ``count`` of snapshots, because HDF5 inserts the number of the snapshot
-    into the name of the source. The dataset ends at a missing snapshot.
+    One mapping is sufficient, because HDF5 inserts the number of the snapshot into the name of the
+    source.
     """
     nodes = shape[0] * shape[1] + more
     width = {(DIM,): (3,), (COMPONENTS,): (9,)}.get(components, components)

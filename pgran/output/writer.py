@@ -1,10 +1,7 @@
 """Writer of result files: HDF5 with the history and links to the snapshots.
 
-``/snapshots/NNNN`` links to the fields on the Q2 nodes (row = x2 index), each snapshot in a
-separate file (`pgran.output.snapshots`). ``/history`` has one entry per accepted step, the root
-attributes hold the resolved options, the versions and the scales, and ``/cells`` the nodes of the
-cells for XDMF. The result file is replaced atomically after the file of a new snapshot is on the
-disk, so that a run that is killed at any time leaves a valid result.
+The result file is replaced atomically after the file of a new snapshot is on the disk, so that a
+run that is killed at any time leaves a valid result.
 """
 
 import os
@@ -19,19 +16,10 @@ from petsc4py import PETSc
 
 from .. import __version__
 from ..options import PREFIX
-from . import snapshots as snapshot_files, vtkhdf, xdmf
+from . import files, snapshots as snapshot_files, vtkhdf, xdmf
 from .checkpoint import NAME, checkpoints_of
 from .connectivity import cells
-from .files import (
-    FILE_ERRORS,
-    Disk,
-    Draft,
-    Lock,
-    blocks_of,
-    make_parents,
-    this_process,
-    write_draft,
-)
+from .files import Disk, Draft
 from .reader import FORMAT, opened
 from .snapshots import GROUP, REPEATED
 from .start import BASE, common_fields
@@ -55,8 +43,6 @@ ATTRIBUTE_UNITS = {"growth_rate": "gdot0", "steady_residual": "stress d", "begun
                    "scale_time": "s"}
 #: Root attribute: number of names of snapshot files that the run has used.
 SERIAL = "snapshot_files"
-#: Steps per chunk of a column of the history.
-CHUNK = 128
 #: Upper bounds of the size of the result file per snapshot and per node, bytes.
 LINK, ELEMENT = 1000, 100
 #: Maximum fraction of the run time for writing the history.
@@ -68,27 +54,18 @@ RUNNING, COMPLETE, STOPPED, FAILED = "running", "complete", "stopped", "failed"
 class Writer:
     """Writer of the result of a run. Every method except `close` is collective.
 
-    The constructor only locks the file; `begin` creates it. An earlier file of the same name is
-    renamed with a number, together with its checkpoints. A file that cannot be written, or that
-    another run writes, raises `ParameterError`.
-
-    Parameters
-    ----------
-    path : str or Path
-        The result file.
-    form : pgran.space.weakform.WeakForm
-        Has the grid, and the case with the resolved parameters.
-    option : tuple of str
-        Name and prefix of the option that names the file, for messages.
-    columns : tuple of str
-        Columns of the history without the observables of the case.
+    The constructor only locks the file; `begin` creates it. A file that cannot be written, or that
+    another run writes, raises `ParameterError`. ``option`` = (name, prefix) is the option that
+    names the file, and the observables of the case follow the ``columns`` of the history.
 
     Attributes
     ----------
     kept : str or None
         The new name of an earlier file.
-    run : str
-        The identifier of the run in its result and its checkpoints.
+    run : str or None
+        The identifier of the run; None before `begin`.
+    snapshots : list of tuple
+        Name, time and file name of each snapshot.
     """
 
     def __init__(self, path, form, option=("output", PREFIX), columns=HISTORY):
@@ -97,14 +74,13 @@ class Writer:
         self.grid, self.case = form.grid, form.case
         self.comm, self._shape = self.grid.comm.tompi4py(), self.grid.nodes.shape[::-1]
         self.disk = Disk(self.comm, option[0], path, option[1])
-        self.kept = None
         self._columns = {name: [] for name in (*columns, *self.case.observables)}
-        self.snapshots, self._fields = [], None  # snapshots: (name, time, file name)
+        self.snapshots, self._fields = [], None
         self._next_write, self._serial, self._root = 0.0, 0, {}  # on rank 0
         #: Along which of x1 and x2 the first nodes are repeated in VTKHDF.
         self._ends = tuple(wrap and not closed for wrap, closed in zip(
             self.grid.periodic, self.case.closed))
-        self._lock = self.run = None
+        self._lock = self.run = self.kept = None
         self.disk.do(self._claim)
 
     def _claim(self):
@@ -113,13 +89,8 @@ class Writer:
         for pattern, kind in ((NAME, "checkpoint"), (snapshot_files.NAME, "snapshot")):
             if match := pattern.fullmatch(self.path.name):
                 raise OSError(f"this is the name of a {kind} of {match[1]}.h5")
-        self._made = make_parents(self.path)
-        self._lock = Lock(self.path)
-
-    @property
-    def begun(self):
-        """Whether `begin` was called."""
-        return self.run is not None
+        self._made = files.make_parents(self.path)
+        self._lock = files.Lock(self.path)
 
     @property
     def steps(self):
@@ -127,10 +98,9 @@ class Writer:
         return len(self._columns["time"])
 
     def begin(self, source=None, **attributes):
-        """Create the file with root ``attributes``.
+        """Create the file with root ``attributes`` and the content of a `Source`, if given.
 
-        It begins with the content of the `pgran.output.start.Source`, if there is one. Nothing is
-        renamed if the source is the file itself.
+        An earlier file of this name is renamed with a number unless it is the source.
         """
         same = source is not None and self.disk.do(
             lambda: self.path.exists() and os.path.samefile(source.path, self.path))
@@ -141,34 +111,35 @@ class Writer:
 
     def _create(self, source, same, attributes):
         snapshots, fields = self._copy(source) if source else ([], None)
+        kept = None if same else self._rename_earlier()
+        self.snapshots, self._fields = snapshots, fields  # `close` may write them after an error
         self._set_root({
-            "state": RUNNING, "process": this_process(), "run": self.run, "format": FORMAT,
+            "state": RUNNING, "process": files.process_identity(), "run": self.run,
+            "format": FORMAT, "pgran_version": __version__,
             "closed": self.case.closed, "options": self.case.parameters.text(),
-            "pgran_version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
             **self.case.scales(), **attributes})
-        kept = None if same else self._rename_earlier()
         self._write_index(snapshots, fields)
         snapshot_files.remove_unlinked(self.path, self.run, [entry[2] for entry in snapshots])
         self.path.with_suffix(".xdmf").unlink(missing_ok=True)
         if snapshots:
-            xdmf.write(self.path, self._shape, snapshots, fields, self.case.closed)
+            xdmf.add(self.path, self._shape, snapshots, fields, self.case.closed)
         return kept, snapshots, fields, self._columns
 
     def _copy(self, source):
-        """Read a `Source`; return its `snapshots` and their common fields.
+        """Return the snapshots of a `Source` and their common fields.
 
         Snapshots inside the source or in files of another run are copied into files of this run.
         """
+        snapshots = []
         with opened(source.path) as file:
             found, fields, self._root = source.read(file, self._columns)
-            snapshots = []
             used = snapshot_files.files_of(self.path, self.run)
             self._serial = max([int(self._root.get(SERIAL, 0)), *(n + 1 for n in used)])
             targets = snapshot_files.linked(file)
             for name, time in found:
                 target, group = targets[name], file["snapshots"][name]
-                if target is None or self.run != source.run:
+                if not target or self.run != source.run:
                     draft = self._snapshot_draft(sum(data.nbytes for data in group.values()))
                     target = draft.path.name
                     with draft:
@@ -194,14 +165,15 @@ class Writer:
             vtkhdf.repeat(file[GROUP], file.create_group(REPEATED), self._ends)
 
     def _set_root(self, attributes):
-        """Set root attributes, {name: value}; return them with their units."""
-        units = {f"{name}_unit": ATTRIBUTE_UNITS[name].replace("stress", self.case.stress_unit)
-                 for name in attributes if name in ATTRIBUTE_UNITS}
-        self._root.update({**attributes, **units})
-        return {**attributes, **units}
+        """Set root attributes, {name: value}, and their units."""
+        for name, value in attributes.items():
+            self._root[name] = value
+            if name in ATTRIBUTE_UNITS:
+                self._root[f"{name}_unit"] = ATTRIBUTE_UNITS[name].replace(
+                    "stress", self.case.stress_unit)
 
-    def _write_index(self, snapshots, fields):
-        """Write the result file: root attributes, history, and links to the snapshot files."""
+    def _write_index(self, snapshots, fields, flush=True):
+        """Write the result file, with links to the snapshot files."""
         draft = Draft(self.path, 8 * len(self._columns) * self.steps + LINK * len(snapshots)
                       + ELEMENT * int(np.prod(self._shape)))
         with draft:
@@ -209,10 +181,8 @@ class Writer:
             file.attrs.update({**self._root, SERIAL: self._serial})
             history = file.create_group("history")
             for name, values in self._columns.items():
-                column = history.create_dataset(
-                    name, data=np.array(values, "i8" if name in INTEGERS else "f8"),
-                    maxshape=(None,), chunks=(CHUNK,))
-                column.attrs["unit"] = self._unit(name)
+                history[name] = np.array(values, "i8" if name in INTEGERS else "f8")
+                history[name].attrs["unit"] = self._unit(name)
             file.create_group("snapshots", track_order=True)
             for name, _, target in snapshots:
                 snapshot_files.add_link(file, name, target, self._ends)
@@ -221,10 +191,9 @@ class Writer:
             if snapshots:
                 vtkhdf.write(file, [time for _, time, _ in snapshots], self._shape, fields,
                              self.case.closed, self._ends)
-        draft.publish(flush=True)
+        draft.publish(flush)
 
     def _unit(self, name):
-        """The unit of a field or of a column of the history."""
         units = {**UNITS, **self.case.observables} if isinstance(
             self.case.observables, dict) else UNITS
         return units.get(name.removeprefix(BASE), "").replace("stress", self.case.stress_unit)
@@ -243,11 +212,7 @@ class Writer:
         return str(kept)
 
     def record(self, **values):
-        """Add an accepted step to the history.
-
-        It is written at once if writing takes at most `SHARE` of the time, otherwise with one of
-        the next steps.
-        """
+        """Add an accepted step to the history, which is written once `SHARE` allows it."""
         for name, column in self._columns.items():
             column.append(values[name])
         self.disk.do(self._record)
@@ -262,17 +227,8 @@ class Writer:
     def _rewrite(self, flush=True, **attributes):
         """Write the history and root attributes, on rank 0."""
         self._check_present()
-        attributes = self._set_root(attributes)
-        draft = Draft(self.path, 8 * len(self._columns) * self.steps, self.path)
-        with draft:
-            for name, values in self._columns.items():
-                data = draft.file["history"][name]
-                done = data.shape[0]
-                if done < len(values):
-                    data.resize((len(values),))
-                    data[done:] = values[done:]
-            draft.file.attrs.update(attributes)
-        draft.publish(flush)
+        self._set_root(attributes)
+        self._write_index(self.snapshots, self._fields, flush)
 
     def _check_present(self):
         if not self.path.is_file():
@@ -281,8 +237,7 @@ class Writer:
     def snapshot(self, time, fields):
         """Write the history and the fields at the local nodes, {name: (..., n)}.
 
-        One of the fields is ``coordinates``. The cost does not depend on the number of snapshots.
-        NaN and infinite values are written, with a warning on standard error.
+        One of the fields is ``coordinates``. NaN and infinite values are written, with a warning.
         """
         name = f"{len(self.snapshots):04d}"
         components = {key: value.shape[:-1] for key, value in fields.items()}
@@ -315,12 +270,11 @@ class Writer:
 
         common = common_fields(self._fields, components)
         self._warn_not_finite(name, fields)
-        self.snapshots = write_draft(
-            self.disk, prepare, blocks_of(self.grid.nodes, fields, f"{GROUP}/"), finish)
+        data = files.blocks_of(self.grid.nodes, fields, f"{GROUP}/")
+        self.snapshots = files.write_draft(self.disk, prepare, data, finish)
         self._fields = common
 
     def _warn_not_finite(self, snapshot, fields):
-        """Print which fields of a snapshot contain NaN or infinite values, and where."""
         owned = self.grid.nodes.owned
         for name, values in fields.items():
             wrong = owned[~np.isfinite(values[..., owned]).reshape(-1, owned.size).all(axis=0)]
@@ -336,14 +290,11 @@ class Writer:
         self.disk.do(lambda: self._rewrite(**attributes))
 
     def close(self):
-        """Release the file. Not collective, because it may follow an error of one rank.
-
-        A run that has not stored its final state has failed.
-        """
+        """Release the file; a run without a final state has failed. Not collective."""
         if not self._lock:
             return
         if self._root.get("state") == RUNNING:
-            with suppress(*FILE_ERRORS):  # for example if the disk is full
+            with suppress(*files.FILE_ERRORS):  # for example if the disk is full
                 self._rewrite(state=FAILED)
         with suppress(OSError):  # the folder may be missing
             self._lock.release()
@@ -353,11 +304,7 @@ class Writer:
 
 
 def write_once(path, form, fields, option=("output", PREFIX), **attributes):
-    """Write a result with one snapshot at time 0, and return its `Writer`. Collective.
-
-    ``option`` is a parameter of `Writer`, ``fields`` of `Writer.snapshot`, and ``attributes`` are
-    root attributes.
-    """
+    """Write a result with one snapshot at time 0 and root ``attributes``; return its `Writer`."""
     writer = Writer(path, form, option)
     try:
         writer.begin(**attributes)

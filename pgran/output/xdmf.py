@@ -4,7 +4,7 @@ Vectors get a third component of zero. Tensors have their components 11, 22 and 
 """
 
 import os
-from pathlib import Path
+from contextlib import suppress
 from xml.etree.ElementTree import Element, SubElement, tostring
 from xml.sax.saxutils import escape
 
@@ -22,38 +22,28 @@ BEGIN = '''<?xml version="1.0"?>
 END = "</Grid>\n</Domain>\n</Xdmf>\n"
 
 
-def write(path, shape, snapshots, fields, closed=(False, False)):
-    """Write NAME.xdmf of the result ``path`` atomically.
-
-    ``shape`` = (ny, nx) nodes. ``snapshots`` are tuples of the name of the group, the time, and the
-    name of the snapshot file. ``fields`` = {name: shape of its components} without the coordinates.
-    """
-    path = Path(path)
-    grids = "".join(_grid(path, shape, *snapshot, fields, closed) for snapshot in snapshots)
-    write_text(path.with_suffix(".xdmf"), BEGIN + grids + END)
-
-
 def add(path, shape, snapshots, fields, closed=(False, False)):
     """Add the last snapshot to NAME.xdmf, at a cost independent of the number of snapshots.
 
-    For the parameters see `write`. A file that lacks earlier snapshots is written again.
+    A file that lacks earlier snapshots is written again. ``shape`` = (ny, nx) nodes. ``snapshots``
+    are tuples of the name of the group, the time, and the name of the snapshot file. ``fields`` =
+    {name: shape of its components} without the coordinates.
     """
-    path = Path(path)
-    text = (_grid(path, shape, *snapshots[-1], fields, closed) + END).encode()
-    try:
-        with open(path.with_suffix(".xdmf"), "r+b", buffering=0) as file:
-            end = file.seek(-len(END), os.SEEK_END)
-            if len(snapshots) > 1 and file.read() == END.encode():
-                file.seek(end)
-                if file.write(text) == len(text):
-                    return
-    except FileNotFoundError:
-        pass
-    write(path, shape, snapshots, fields, closed)
+    def grids(chosen):
+        return "".join(_grid(path, shape, *snapshot, fields, closed) for snapshot in chosen) + END
+
+    xdmf, text = path.with_suffix(".xdmf"), grids(snapshots[-1:]).encode()
+    with suppress(FileNotFoundError), open(xdmf, "r+b", buffering=0) as file:
+        end = file.seek(-len(END), os.SEEK_END)
+        if len(snapshots) > 1 and file.read() == END.encode():
+            file.seek(end)
+            if file.write(text) == len(text):
+                return
+    write_text(xdmf, BEGIN + grids(snapshots))
 
 
 def rename(path, new):
-    """Rename the XDMF file of a result that was renamed from ``path`` to ``new``, Path."""
+    """Rename the XDMF file of a result that was renamed from ``path`` to ``new``."""
     xdmf = path.with_suffix(".xdmf")
     if xdmf.exists():
         new.with_suffix(".xdmf").write_text(
@@ -61,7 +51,6 @@ def rename(path, new):
 
 
 def _grid(path, shape, name, time, target, fields, closed):
-    """Return the XML of one snapshot."""
     count, nodes = len(cells(shape, closed)), shape[0] * shape[1]
     grid = Element("Grid", Name=name, GridType="Uniform")
     SubElement(grid, "Time", Value=f"{time:.16g}")
