@@ -12,31 +12,21 @@ BOOLS = {"true": True, "1": True, "yes": True, "on": True, "": True,
 
 @dataclass(frozen=True)
 class Option:
-    """One option: its name, its type, its allowed values and its documentation.
+    """One option: its name without prefix, its type, its allowed values and its documentation.
 
     Attributes
     ----------
-    name : str
-        Name without prefix.
     kind : str
         float, int, bool, str, flag (a bool without a value), floats or ints (comma-separated
         lists).
     default : object
-        Default value; None if the option is unset or follows from other options, see ``meaning``.
-    unit, meaning, equation : str
-        Documentation.
-    choices : tuple of str
-        The allowed values; empty if any value is allowed.
+        None if the option is unset or follows from other options.
     low, high : float
-        Bounds of numbers.
-    open_low, open_high : bool
-        Whether the bounds are excluded.
+        Bounds, which ``open_low`` and ``open_high`` exclude.
     length : int
         Length of a list; 0 for any length.
     shared : tuple of str
         The input files that must have been made with the same value: restart, mode_file.
-    prefix : str
-        Prefix of the name on the command line.
     words : str
         Description of the allowed values, if the other attributes do not give it.
     needs : str
@@ -75,10 +65,9 @@ class Option:
             return "true | false"
         if self.kind == "str":
             return f"a file name that ends in {self.suffix}" if self.suffix else "text"
-        noun = {"int": "an integer", "float": "a number"}.get(self.kind)
-        if noun is None:
-            items = "integers" if self.kind == "ints" else "numbers"
-            noun = f"{self.length or 'a list of'} {items}"
+        several = self.length or "a list of"
+        noun = {"int": "an integer", "float": "a number", "ints": f"{several} integers",
+                "floats": f"{several} numbers"}[self.kind]
         bounds = []
         if self.low > -math.inf:
             bounds.append(f"{'>' if self.open_low else '>='} {self.low:g}")
@@ -93,13 +82,7 @@ class Option:
                              f"{self.allowed}", self.prefix)
 
     def parse(self, text):
-        """Return the value of ``text``.
-
-        Raises
-        ------
-        ParameterError
-            If the text is not an allowed value.
-        """
+        """Return the value of ``text``, or raise the `ParameterError` of `refuse`."""
         text = str(text).strip()
         if self.kind == "str":
             good = text and text.endswith(self.suffix) and text in (self.choices or (text,))
@@ -151,7 +134,7 @@ def help_text(options):
 
 
 def markdown_table(options):
-    """Return options as a table in Markdown, or an empty text without options."""
+    """Return options as a table in Markdown."""
     lines = ["| option | default | unit | allowed | meaning | equation |",
              "|---|---|---|---|---|---|"]
     for option in options:
@@ -159,4 +142,4 @@ def markdown_table(options):
         cells = (f"`-{option.prefix}{option.name}`", default, option.unit, option.allowed,
                  option.meaning, option.equation)
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
-    return "\n".join(lines) + "\n" if options else ""
+    return "\n".join(lines) + "\n"

@@ -8,8 +8,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from .definition import Option, markdown_table, plain, positive
-from .errors import PREFIX, OptionError, ParameterError, hint
-from .loading import allowed_names
+from .errors import PREFIX, OptionError, ParameterError, unknown_option
+from .loading import allowed_names, modules_of
 
 #: Values that a restart and a mode file must have in common with the run that uses them.
 BOTH = "restart", "mode_file"
@@ -25,7 +25,7 @@ def _component(name, default, folder, meaning, equation=""):
     """Return the `Option` that chooses a class from the modules of a folder."""
     path = [str(Path(__file__).parents[1].joinpath(*folder.split(".")))]
     return Option(name, "str", default, "", meaning, equation, shared=BOTH,
-                  words=allowed_names(path))
+                  words=allowed_names(modules_of(path)))
 
 
 #: The options that every run has.
@@ -106,17 +106,14 @@ RUN = (
 
 
 class Parameters(SimpleNamespace):
-    """The resolved options; each option is an attribute.
-
-    `options` are the `Option`s, and `part` returns the classes of case, law and model.
-    """
+    """The resolved options; each option is an attribute."""
 
     def __init__(self, options, parts, **values):
         super().__init__(_options=tuple(options), _parts=dict(parts), **values)
 
     @property
     def options(self):
-        """The `Option`s of these parameters, a tuple."""
+        """The `Option`s, a tuple."""
         return self._options
 
     def part(self, name):
@@ -150,14 +147,9 @@ def _renamed(texts, known=()):
 
 
 def table(parts):
-    """Return the options of a run with these components, {name: Option}.
-
-    An option of a case, law or model replaces the option of `RUN` with the same name.
-    """
-    options = {option.name: option for option in RUN}
-    for part in parts.values():
-        options.update((option.name, option) for option in part.options)
-    return options
+    """Return {name: Option} of a run with these components, whose options replace `RUN`."""
+    options = [*RUN, *(option for part in parts.values() for option in part.options)]
+    return {option.name: option for option in options}
 
 
 def read(texts, kinds, stored=False):
@@ -168,7 +160,7 @@ def read(texts, kinds, stored=False):
     texts : dict
         {name: text} of options. Names without the prefix ``pgran_`` are ignored.
     kinds : iterable of Component
-        Case, law and model. `pgran.cases.read` passes them.
+        Case, law and model.
     stored : bool
         Whether the options were read from a result file. Then names of release 0.2 are accepted,
         and options of other components are ignored.
@@ -191,24 +183,19 @@ def read(texts, kinds, stored=False):
     for name, text in texts.items():
         if name in options:
             values[name] = options[name].parse(text)
-        elif not (_check_name(name, options, kinds) and stored):
+        elif not (owners := _owners(name, kinds)):
+            if name not in RENAMED:
+                raise unknown_option(name, options)
+            cure = f"it is now -{PREFIX}{RENAMED[name]}" if RENAMED[name] else "it was removed"
+            raise OptionError(f"unknown option -{PREFIX}{name}; {cure}")
+        elif not stored:
             raise OptionError(f"-{PREFIX}{name} {text}: this option belongs to "
-                              f"{' and '.join(_owners(name, kinds))}, which this run does not use")
+                              f"{' and '.join(owners)}, which this run does not use")
     parameters = Parameters(options.values(), parts, **values)
     for part in parts.values():
         part.resolve(parameters, set(texts) & set(options))
     _check_combinations(parameters)
     return parameters
-
-
-def _check_name(name, options, kinds):
-    """Return whether an option belongs to another component; raise `OptionError` otherwise."""
-    if _owners(name, kinds):
-        return True
-    if name in RENAMED:
-        cure = f"it is now -{PREFIX}{RENAMED[name]}" if RENAMED[name] else "it was removed"
-        raise OptionError(f"unknown option -{PREFIX}{name}; {cure}")
-    raise OptionError(f"unknown option -{PREFIX}{name}; {hint(name, options)}")
 
 
 def _owners(name, kinds):
@@ -232,8 +219,7 @@ def _check_combinations(parameters):
 
 def markdown(kinds):
     """Return the tables of all options in Markdown, grouped by run, case, law and model."""
-    titles = {"case": "Case", "law": "Law", "model": "Model"}
-    tables = {"Every run": RUN, **{f"{titles[kind.name]} `{name}`": kind.load(name).options
+    tables = {"Every run": RUN, **{f"{kind.name.title()} `{name}`": kind.load(name).options
                                    for kind in kinds for name in kind.names}}
-    return "\n".join(f"## {title}\n\n{markdown_table(options) or 'No further options.'}"
+    return "\n".join(f"## {title}\n\n{markdown_table(options)}"
                      for title, options in tables.items()).rstrip("\n") + "\n"
