@@ -97,7 +97,8 @@ def database(texts):
     present = PETSc.Options()
 
     def replace(wanted):
-        present.clear()
+        for name in present.getAll():
+            present.delValue(name)
         for name, text in wanted.items():
             present.setValue(name, text)
 
