@@ -13,8 +13,6 @@ from . import __version__
 
 #: Time limit of a check, s.
 LIMIT = 60
-#: Start of MPI that counts as slow, s.
-SLOW = 2.0
 #: Tested versions of PETSc.
 OLDEST, NEWEST = (3, 18), (3, 26)
 
@@ -27,11 +25,8 @@ facts = dict(version=PETSc.Sys.getVersion(), real=PETSc.ScalarType is numpy.floa
 """
 SLEPC = "from slepc4py import SLEPc; facts = dict(version=SLEPc.Sys.getVersion())"
 MPI = """
-import time
-start = time.perf_counter()
 from mpi4py import MPI
-facts = dict(library=MPI.Get_library_version().split(",")[0].strip().strip(chr(0)),
-             seconds=time.perf_counter() - start)
+facts = dict(library=MPI.Get_library_version().split(",")[0].strip().strip(chr(0)))
 """
 HDF5 = "import h5py; facts = dict(version=h5py.__version__, hdf5=h5py.version.hdf5_version)"
 TOGETHER = """
@@ -43,9 +38,6 @@ facts = dict(mpi=sorted({os.path.realpath(line.split()[-1]) for line in open("/p
                          if "/libmpi.so" in line or "/libmpich" in line}))
 """
 VERSION = "import {0}; facts = dict(version={0}.__version__)"
-#: Advice for a slow start of Open MPI.
-SLOW_START = (" (slow; on one machine export PMIX_MCA_psec=native, which avoids a timeout of "
-              "munge, and OMPI_MCA_btl=self,vader)")
 #: Each rank writes its text in one call, so that texts do not mix.
 RANKS = "import os; from mpi4py import MPI; os.write(1, b' %d ' % MPI.COMM_WORLD.size)"
 
@@ -68,15 +60,13 @@ def check():
     yield sys.version_info >= (3, 9), f"Python {sys.version.split()[0]}", "install Python 3.9"
     petsc, slepc, mpi, hdf5, both = found = [*map(facts, (PETSC, SLEPC, MPI, HDF5, TOGETHER))]
     petsc_works, slepc_works, mpi_works, _, both_work = (isinstance(each, dict) for each in found)
-    slow = SLOW_START if mpi_works and mpi["seconds"] > SLOW else ""
     for name, each, text, remedy in (
             ("petsc4py", petsc, "petsc4py {version[0]}.{version[1]}.{version[2]}, {bits}-bit "
              "indices, MUMPS {mumps}", "on Debian: bash jobs/local.sh setup; elsewhere install "
              "PETSc with MUMPS, and petsc4py (pip or conda-forge)"),
             ("slepc4py", slepc, "slepc4py {version[0]}.{version[1]}.{version[2]}",
              "install slepc4py of the same version as petsc4py, for pgran-eigen and pgran-growth"),
-            ("mpi4py", mpi, "mpi4py with {library}, starts in {seconds:.1f} s" + slow,
-             "install mpi4py built with the MPI of PETSc"),
+            ("mpi4py", mpi, "mpi4py with {library}", "install mpi4py built with the MPI of PETSc"),
             ("h5py", hdf5, "h5py {version}, HDF5 {hdf5}", "install h5py"),
             ("scipy", facts(VERSION.format("scipy")), "scipy {version}",
              "install scipy; for Debian's petsc4py: pip install scipy 'numpy<2'"),
