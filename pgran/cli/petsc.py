@@ -147,10 +147,7 @@ def given_texts(options=()):
 
 
 def check_names(texts, options, run_options):
-    """Raise `OptionError` for a misspelt option of pgran, and for a value nan.
-
-    ``texts`` = {name: text} are all options, the others `Option`s of the command and the run.
-    """
+    """Raise `OptionError` for a misspelt option of pgran in {name: text}, and for a value nan."""
     names = {option.name for option in options} | {"options_file", "help", "version", "doctor"}
     run_names = {f"{PREFIX}{option.name}" for option in run_options}
     for name, value in texts.items():
@@ -175,10 +172,7 @@ def steady():
 
 
 def choose_solver(texts):
-    """Pass the `pgran.options.default_solver` of a run with options {name: text} to PETSc.
-
-    Returns the options file of the solver, or None, and the completed options of the run.
-    """
+    """Pass the `default_solver` of a run to PETSc; return its path and the completed options."""
     from petsc4py import PETSc
 
     database = PETSc.Options()

@@ -80,8 +80,8 @@ def end_unless_shared(error, control_comm, text):
 def all_ranks_arrive(comm):
     """Return whether all ranks call this function within `TOGETHER` seconds.
 
-    ``comm`` is an mpi4py communicator without pending messages. The caller sets the attribute
-    ``one_rank_only`` of an error that is not shared, so that `start` ends all ranks at once.
+    ``comm`` is an mpi4py communicator without pending messages. Otherwise the caller sets
+    ``one_rank_only`` of its error, so that all ranks are ended at once.
     """
     request, end = comm.Ibarrier(), time.monotonic() + TOGETHER
     while not request.Test():

@@ -29,8 +29,7 @@ IGNORED = ("output", "progress", "restart", "mode_file", "checkpoint_steps", "ch
            "picture_every")
 #: Seconds that a process has to end itself and its ranks.
 GRACE = 10.0
-#: Variables of Open MPI that users set: networks, authentication, binding to cores, and whether
-#: waiting ranks release their core.
+#: Variables of Open MPI that users set and that do not describe a running job.
 NETWORK = ("OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "PMIX_MCA_psec",
            "OMPI_MCA_hwloc_base_binding_policy", "OMPI_MCA_mpi_yield_when_idle")
 #: Options of runs that print only errors.

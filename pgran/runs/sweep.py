@@ -1,7 +1,6 @@
 """Runs from Python: a single run, and a run for each point of a grid of parameters.
 
-`pgran.run` and `pgran.sweep` are these functions. Completed runs are reused, and interrupted runs
-resume from their last checkpoint.
+Completed runs are reused, and interrupted runs resume from their last checkpoint.
 """
 
 import itertools
@@ -26,8 +25,7 @@ COSTS = "steps", "newton_iterations", "linear_iterations", "seconds", "memory"
 def run(output=None, options_file=None, ranks=None, **options):
     """Run pgran and return its `pgran.output.result.Result`.
 
-    Without ``ranks`` it runs in this process; if ``mpiexec`` has started the script on several
-    ranks, each of them must call this function.
+    Without ``ranks`` it runs in this process, collectively if the script runs on several ranks.
 
     Parameters
     ----------
@@ -169,9 +167,10 @@ class Sweep:
     def _row(self, number):
         result = self[number] if self.paths[number].exists() else None
         last = result.snapshots[-1] if result and result.snapshots else None
+        attributes = result.attributes if result else {}
         band = last.band() if last else {}
         return {**self.points[number], "complete": bool(result and result.complete),
-                **{name: result.attributes.get(name) if result else None for name in COSTS},
+                **{name: attributes.get(name) for name in COSTS},
                 "inertial_number_max": float(last["inertial_number"].max()) if last else None,
                 **{name: band.get(name) for name in ("localised", "angle", "width", "bands")}}
 
