@@ -88,9 +88,8 @@ def test_results_are_absolute_and_refuse_the_data_of_a_later_run(tmp_path, monke
     found = pgran.sweep({"inertial_number": [0.001]}, directory="b", **SMALL)
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert first.path == second.path == tmp_path / "results" / "biaxial.h5"
-    for read in (lambda: first.snapshots[-1]["pressure"], lambda: tuple(first.snapshots[-1].names)):
-        with pytest.raises(ResultError, match="another run has replaced the run"):
-            read()
+    with pytest.raises(ResultError, match="another run has replaced the run"):
+        first.snapshots[-1]["pressure"]
     assert second.snapshots[-1]["inertial_number"].mean() > 0.005
     assert pgran.open(tmp_path / "results" / "biaxial.1.h5").snapshots[-1][
         "inertial_number"].mean() < 0.002

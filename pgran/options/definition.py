@@ -75,29 +75,24 @@ class Option:
             bounds.append(f"{'<' if self.open_high else '<='} {self.high:g}")
         return f"{noun} {' and '.join(bounds)}".strip()
 
-    def refuse(self, value):
-        """Raise the `ParameterError` of a value that is not allowed."""
-        listed = "|" in self.allowed
-        raise ParameterError(self.name, value, f"{'expected one of:' if listed else 'must be'} "
-                             f"{self.allowed}", self.prefix)
-
     def parse(self, text):
-        """Return the value of ``text``, or raise the `ParameterError` of `refuse`."""
+        """Return the value of ``text``, or raise `ParameterError` if it is not allowed."""
         text = str(text).strip()
-        if self.kind == "str":
-            good = text and text.endswith(self.suffix) and text in (self.choices or (text,))
-            return text if good else self.refuse(text)
-        if self.kind in ("bool", "flag"):
-            return BOOLS[text.lower()] if text.lower() in BOOLS else self.refuse(text)
         number, listed = int if self.kind in ("int", "ints") else float, self.kind.endswith("s")
         try:
-            numbers = tuple(number(part) for part in (text.split(",") if listed else [text]))
-            good = all(map(self._within, numbers)) and self.length in (0, len(numbers))
-        except (ValueError, OverflowError):
-            good = False
-        if not good:
-            self.refuse(text)
-        return numbers if listed else numbers[0]
+            if self.kind in ("bool", "flag"):
+                return BOOLS[text.lower()]
+            if self.kind == "str":
+                if text and text.endswith(self.suffix) and text in (self.choices or (text,)):
+                    return text
+            else:
+                numbers = tuple(map(number, text.split(",") if listed else [text]))
+                if all(map(self._within, numbers)) and self.length in (0, len(numbers)):
+                    return numbers if listed else numbers[0]
+        except (KeyError, ValueError, OverflowError):
+            pass
+        raise ParameterError(self.name, text, ("expected one of: " if "|" in self.allowed else
+                                               "must be ") + self.allowed, self.prefix)
 
     def _within(self, number):
         return (math.isfinite(number) and self.low <= number <= self.high
