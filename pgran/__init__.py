@@ -19,11 +19,7 @@ def open(path):
 
 
 def run(output=None, **options):
-    """Run pgran and return its result; see `pgran.runs.sweep.run`.
-
-    ``pgran.run(inertial_number=0.003)`` compresses the specimen in this process, and with
-    ``ranks=2`` in two separate MPI processes.
-    """
+    """Run pgran and return its result; see `pgran.runs.sweep.run`."""
     from .runs import sweep as runs
 
     return runs.run(output, **options)

@@ -64,8 +64,7 @@ def complete(texts, words=()):
 def prepared(parameters, comm, stop_request):
     """Return the `Run` of the parameters before its first step. Collective.
 
-    ``stop_request()`` returns on each rank the reason to stop, a text, or None. Raises
-    `pgran.options.OptionError` or `pgran.options.ParameterError` if options are inconsistent.
+    ``stop_request()`` returns on each rank the reason to stop, a text, or None.
     """
     from .options import ParameterError
     from .space.weakform import discretise
@@ -95,10 +94,10 @@ class Run:
         if is_steady:
             first = state.steady_start(form)
         elif self.parameters.restart:
-            first, checkpoint, damaged = state.checkpoint_start(form)
-            self.checkpoint_values = checkpoint
-            self.source = Source(self.parameters.restart, checkpoint["run"], checkpoint["history"],
-                                 checkpoint["snapshots"])
+            first, values, damaged = state.checkpoint_start(form)
+            self.checkpoint_values = values
+            self.source = Source(self.parameters.restart, values["run"], values["history"],
+                                 values["snapshots"])
             for text in damaged:
                 self.terminal.say(f"  skipped a damaged checkpoint, {text}")
         elif self.parameters.mode_file:
@@ -113,10 +112,9 @@ class Run:
         self.writer = Writer(self.parameters.output, form, columns=columns)
 
     def do(self):
-        """Run to the end.
+        """Run to the end, or write the last accepted state and raise an error.
 
-        Raises `pgran.options.SolutionError` if the solution fails, after writing the last accepted
-        state, or `pgran.options.Interrupted` if a signal stops it, after writing a checkpoint.
+        The error is a `pgran.options.SolutionError`, or `pgran.options.Interrupted` on a signal.
         """
         from .options import Interrupted, ParameterError, SolutionError
 
@@ -134,10 +132,13 @@ class Run:
                     error.one_rank_only = True
                     raise
                 self.stop(isinstance(error, Interrupted))
-                if not isinstance(error, Interrupted):
+                if isinstance(error, SolutionError):
                     raise
-                raise Interrupted(f"stopped by {error} at {now()}; {self.how_to_resume()}"
-                                  ) from None
+                path = self.writer.path
+                cure = ("there is nothing to resume from: start it again"
+                        if self.steady and not driver.started else
+                        f"resume with: <same command> @restart {path}")
+                raise Interrupted(f"stopped by {error} at {now()}; {cure}") from None
             if not driver.started and driver.state.time > (1.0 + 1e-9) * self.case.targets[-1]:
                 raise ParameterError(
                     "restart", self.parameters.restart, f"its checkpoint, at {now()}, is later "
@@ -147,7 +148,7 @@ class Run:
             self.writer.close()
 
     def free(self):
-        """Free the objects of PETSc and MPI. The run cannot be used afterwards."""
+        """Free the objects of PETSc and MPI."""
         self.driver.destroy()
         self.control_comm.Free()
 
@@ -216,24 +217,13 @@ class Run:
         """Return the run time, s, including the time before a restart."""
         return float(self.checkpoint_values.get("seconds", 0.0)) + time.monotonic() - self.began
 
-    def how_to_resume(self):
-        """Return the last part of the message of a stopped run."""
-        if not self.steady:
-            return f"resume with: <same command> @restart {self.writer.path}"
-        if self.driver.started:
-            return f"continue with: <same command> @restart {self.writer.path}"
-        return "there is nothing to resume from: start it again"
-
     def stop(self, interrupted):
-        """Write the last accepted state of a run that failed or was interrupted, and its status.
-
-        A run in time that is interrupted before its first step writes a checkpoint of its start.
-        """
+        """Write the last accepted state of a run that failed or was interrupted, and its status."""
         from .output.writer import FAILED, STOPPED
 
         started = self.driver.started
         if not started and (self.steady or not interrupted):
-            return
+            return  # otherwise there is a checkpoint of the start
         self.begin(tried=started or not interrupted)
         if started and (self.steady or not interrupted):
             self.writer.snapshot(self.driver.state.time, self.driver.fields())
@@ -242,7 +232,7 @@ class Run:
         self.writer.flush(state=STOPPED if interrupted else FAILED)
 
     def finish(self):
-        """Write the last data of a run that ended, and report the end."""
+        """Write the last data of a run, and report its end."""
         from .output.writer import COMPLETE, STOPPED
 
         driver, terminal = self.driver, self.terminal

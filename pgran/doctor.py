@@ -13,8 +13,6 @@ from . import __version__
 
 #: Time limit of a check, s.
 LIMIT = 60
-#: Start of MPI that counts as slow, s.
-SLOW = 2.0
 #: Tested versions of PETSc.
 OLDEST, NEWEST = (3, 18), (3, 26)
 
@@ -22,19 +20,13 @@ PETSC = """
 from petsc4py import PETSc
 import numpy
 facts = dict(version=PETSc.Sys.getVersion(), real=PETSc.ScalarType is numpy.float64,
-             bits=8*numpy.dtype(PETSc.IntType).itemsize)
-try:
-    facts["mumps"] = bool(PETSc.Sys.hasExternalPackage("mumps"))
-except Exception:
-    facts["mumps"] = None
+             bits=8*numpy.dtype(PETSc.IntType).itemsize,
+             mumps="present" if PETSc.Sys.hasExternalPackage("mumps") else "missing")
 """
 SLEPC = "from slepc4py import SLEPc; facts = dict(version=SLEPc.Sys.getVersion())"
 MPI = """
-import time
-start = time.perf_counter()
 from mpi4py import MPI
-facts = dict(library=MPI.Get_library_version().split(",")[0].strip().strip(chr(0)),
-             seconds=time.perf_counter() - start)
+facts = dict(library=MPI.Get_library_version().split(",")[0].strip().strip(chr(0)))
 """
 HDF5 = "import h5py; facts = dict(version=h5py.__version__, hdf5=h5py.version.hdf5_version)"
 TOGETHER = """
@@ -46,11 +38,6 @@ facts = dict(mpi=sorted({os.path.realpath(line.split()[-1]) for line in open("/p
                          if "/libmpi.so" in line or "/libmpich" in line}))
 """
 VERSION = "import {0}; facts = dict(version={0}.__version__)"
-#: Advice for a slow start of Open MPI.
-SLOW_START = (" (slow; on one machine export PMIX_MCA_psec=native, which avoids a timeout of "
-              "munge, and OMPI_MCA_btl=self,vader)")
-#: Variables that allow root to use mpiexec of Open MPI.
-ALLOW_ROOT = "OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"
 #: Each rank writes its text in one call, so that texts do not mix.
 RANKS = "import os; from mpi4py import MPI; os.write(1, b' %d ' % MPI.COMM_WORLD.size)"
 
@@ -65,77 +52,60 @@ def facts(code):
         return f"not finished after {LIMIT} s"
     if done.returncode == 0:
         return json.loads(done.stdout.splitlines()[-1])
-    lines = [line for line in done.stderr.splitlines() if line.strip()]
-    return lines[-1] if lines else f"exit code {done.returncode}"
+    return (done.stderr.strip() or f"exit code {done.returncode}").splitlines()[-1]
 
 
 def check():
     """Yield for each library whether it is good, a description, and a remedy."""
     yield sys.version_info >= (3, 9), f"Python {sys.version.split()[0]}", "install Python 3.9"
-    petsc, slepc, mpi, hdf5, both = map(facts, (PETSC, SLEPC, MPI, HDF5, TOGETHER))
-    yield _petsc(petsc)
-    slow = not isinstance(mpi, str) and mpi["seconds"] > SLOW
-    for name, found, text, remedy in (
+    petsc, slepc, mpi, hdf5, both = found = [*map(facts, (PETSC, SLEPC, MPI, HDF5, TOGETHER))]
+    petsc_works, slepc_works, mpi_works, _, both_work = (isinstance(each, dict) for each in found)
+    for name, each, text, remedy in (
+            ("petsc4py", petsc, "petsc4py {version[0]}.{version[1]}.{version[2]}, {bits}-bit "
+             "indices, MUMPS {mumps}", "on Debian: bash jobs/local.sh setup; elsewhere install "
+             "PETSc with MUMPS, and petsc4py (pip or conda-forge)"),
             ("slepc4py", slepc, "slepc4py {version[0]}.{version[1]}.{version[2]}",
              "install slepc4py of the same version as petsc4py, for pgran-eigen and pgran-growth"),
-            ("mpi4py", mpi, "mpi4py with {library}, starts in {seconds:.1f} s"
-             + (SLOW_START if slow else ""), "install mpi4py built with the MPI of PETSc"),
+            ("mpi4py", mpi, "mpi4py with {library}", "install mpi4py built with the MPI of PETSc"),
             ("h5py", hdf5, "h5py {version}, HDF5 {hdf5}", "install h5py"),
             ("scipy", facts(VERSION.format("scipy")), "scipy {version}",
              "install scipy; for Debian's petsc4py: pip install scipy 'numpy<2'"),
             ("petsc4py, mpi4py and h5py in one process", both, "one MPI library: {mpi}",
              "install all of them from the same source: Debian, one conda environment, or pip")):
-        missing = isinstance(found, str)
-        yield not missing, f"{name}: {found}" if missing else text.format(**found), remedy
-    if not isinstance(both, str) and len(both["mpi"]) != 1:
+        works = isinstance(each, dict)
+        yield works, text.format(**each) if works else f"{name}: {each}", remedy
+    if petsc_works and not petsc["real"]:
+        yield False, "PETSc has complex numbers", (
+            "install PETSc with real numbers (Debian: PETSC_ARCH ...-real; "
+            "configure --with-scalar-type=real)")
+    if petsc_works and not OLDEST <= tuple(petsc["version"][:2]) <= NEWEST:
+        yield False, "untested version of PETSc", f"install PETSc from {OLDEST} to {NEWEST}"
+    if petsc_works and petsc["mumps"] == "missing":
+        yield False, "PETSc has no MUMPS, so that only multigrid can be used", (
+            "configure PETSc with --download-mumps --download-scalapack")
+    if both_work and len(both["mpi"]) != 1:
         yield False, f"{len(both['mpi'])} MPI libraries in one process", (
             "rebuild mpi4py and h5py with the MPI of PETSc: "
             "MPICC=mpicc pip install --no-binary :all: mpi4py")
-    if not isinstance(petsc, str) and not isinstance(slepc, str) \
-            and petsc["version"][:2] != slepc["version"][:2]:
+    if petsc_works and slepc_works and petsc["version"][:2] != slepc["version"][:2]:
         yield False, "petsc4py and slepc4py have different versions", "use one source for both"
-    yield _launcher(mpi)
+    if mpi_works and "Open MPI" in mpi["library"] and not (
+            os.geteuid() or os.environ.get("OMPI_ALLOW_RUN_AS_ROOT")):
+        yield False, "Open MPI refuses to start as root", (
+            "export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1")
+    yield _launcher()
     for name, use in (("matplotlib", "pictures"), ("pyvista", "3D grids and windows")):
-        found = facts(VERSION.format(name))
-        yield True, (f"{name}: not installed; required for {use} (pip install 'pgran[plot]')"
-                     if isinstance(found, str) else f"{name} {found['version']}"), ""
+        each = facts(VERSION.format(name))
+        yield True, (f"{name} {each['version']}" if isinstance(each, dict) else f"{name}: not "
+                     f"installed; required for {use} (pip install 'pgran[plot]')"), ""
 
 
-def _petsc(found):
-    """Check PETSc; see `check`."""
-    if isinstance(found, str):
-        return False, f"petsc4py: {found}", (
-            "on Debian: bash jobs/local.sh setup; elsewhere install PETSc with MUMPS, and petsc4py "
-            "(pip install petsc petsc4py, or conda install -c conda-forge petsc4py)")
-    mumps = {True: "present", False: "missing", None: "unknown"}[found["mumps"]]
-    text = (f"petsc4py {'.'.join(map(str, found['version']))}, "
-            f"{'real' if found['real'] else 'complex'} numbers, {found['bits']}-bit indices, "
-            f"MUMPS {mumps}")
-    if not found["real"]:
-        return False, text, ("install PETSc with real numbers (Debian: PETSC_ARCH ...-real; "
-                             "configure --with-scalar-type=real)")
-    if not OLDEST <= tuple(found["version"][:2]) <= NEWEST:
-        return False, text, f"install PETSc between {OLDEST} and {NEWEST}, which are tested"
-    return found["mumps"] is not False, text, (
-        "configure PETSc with --download-mumps --download-scalapack; without MUMPS only multigrid "
-        "can be used")
-
-
-def refuses_root(mpi):
-    """Return whether mpiexec would refuse this user; ``mpi`` holds the facts of `MPI`."""
-    return (not isinstance(mpi, str) and "Open MPI" in mpi["library"] and os.geteuid() == 0
-            and not all(os.environ.get(name) for name in ALLOW_ROOT))
-
-
-def _launcher(mpi):
+def _launcher():
     """Check that mpiexec starts ranks of one MPI job; see `check`."""
     path = shutil.which("mpiexec")
     if not path:
         return False, "mpiexec: not on the path", (
             "install the MPI of mpi4py, or start ranks as described for your cluster (srun)")
-    if refuses_root(mpi):
-        return False, f"{path}: Open MPI refuses to start as root", "export " + " ".join(
-            f"{name}=1" for name in ALLOW_ROOT) + ", or use another account"
     from .runs.run_on_ranks import python
 
     try:

@@ -13,8 +13,7 @@ FIRST = "-options_left", "0"
 def callback_error(error):
     """Return the original error of PETSc or of a Python callback.
 
-    petsc4py 3.26 wraps errors of callbacks in PETSc.Error, 3.18 does not. slepc4py 3.26 wraps
-    errors of SLEPc in SystemError.
+    petsc4py 3.26 wraps errors of callbacks in PETSc.Error, and slepc4py errors in SystemError.
     """
     from petsc4py import PETSc
 
@@ -34,13 +33,9 @@ def set_schur_matrix(pc, matrix):
 
 
 def was_read(name):
-    """Return whether PETSc has read an option, from the C library as petsc4py 3.18 lacks it.
-
-    The result is a C bool of one byte (3.26) or an enumeration of four (3.18); both fit an integer
-    that is initially zero.
-    """
+    """Return whether PETSc has read an option; petsc4py 3.18 lacks this function."""
     from petsc4py import PETSc
 
-    used = ctypes.c_int(0)
+    used = ctypes.c_int(0)  # C has a bool of one byte (3.26) or an enumeration of four (3.18)
     ctypes.CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
     return bool(used.value)

@@ -38,8 +38,6 @@ def folder(tmp_path):
      "2 ranks, 24:00:00 hours, 3 GB", "--preserve-status --signal=USR1"),
     (["sweep", "1", "docs/examples/sweep.py", "4", "1", "2"], "sweep-sweep",
      "1 ranks, 01:00:00 hours, 2 GB", "0-3"),
-    (["scaling", "8"], "scaling", "8 ranks, 01:00:00 hours, 16 GB",
-     'study.sh bench weak "1 2 4 8"'),
     (["job", "8", "2", "12", "jobs/any.sh", "2 1 0.5"], "job-any",
      "8 ranks, 02:00:00 hours, 12 GB", r"jobs/any.sh 2\ 1\ 0.5")])
 def test_a_script_is_valid_and_has_time_and_memory(folder, system, arguments, name, header,
@@ -99,7 +97,7 @@ def test_a_chain_is_queued_until_it_is_complete_and_equals_one_run(folder):
 
 
 @pytest.mark.parametrize("options, result", [
-    ([], "results/biaxial.h5"), (["-pgran_output", "my/own run.h5"], "my/own\\ run.h5"),
+    (["-pgran_output", "my/own run.h5"], "my/own\\ run.h5"),
     (["-options_file", "more.opts"], "of/file.h5")])
 def test_result_time_and_memory_can_be_chosen(folder, options, result):
     (folder / "more.opts").write_text("-pgran_output of/file.h5\n")
@@ -126,9 +124,7 @@ def test_scripts_of_two_results_do_not_overwrite_each_other(folder):
 
 @pytest.mark.parametrize("arguments, message", [
     (["lsf", "run", "2", FILE], "lsf: expected slurm or pbs"),
-    (["slurm", "walk", "2"], "walk: expected run, chain"),
     (["slurm", "run", "0", FILE], "0: RANKS must be an integer > 0"),
-    (["slurm", "run", "2"], "FILE.opts is missing"),
     (["slurm", "run", "2", "options/none.opts"], "there is no such file"),
     (["pbs", "sweep", "1", "x.py"], "SCRIPT.py POINTS HOURS MEMORY_GB are required")])
 def test_invalid_arguments_are_refused(folder, arguments, message):

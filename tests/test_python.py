@@ -53,7 +53,6 @@ def test_a_script_on_ranks_runs_on_all_ranks_and_only_in_the_main_thread(tmp_pat
     script = (f"import os, pgran; result = pgran.run({str(tmp_path / 'both.h5')!r}, **{SMALL}); "
               "os.write(1, b' %d ' % result.attributes['ranks'])")
     assert run_ranks(2, "-c", script, limit=60).stdout.split() == ["2", "2"]
-    assert run_ranks(2, "-c", script, limit=60).stdout.split() == ["2", "2"]  # reused
     thread = ("import os, threading, pgran, pgran.options\n"
               "def run():\n"
               f"    try: pgran.run({str(tmp_path / 'x.h5')!r}, **{SMALL})\n"
@@ -89,9 +88,8 @@ def test_results_are_absolute_and_refuse_the_data_of_a_later_run(tmp_path, monke
     found = pgran.sweep({"inertial_number": [0.001]}, directory="b", **SMALL)
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert first.path == second.path == tmp_path / "results" / "biaxial.h5"
-    for read in (lambda: first.snapshots[-1]["pressure"], lambda: tuple(first.snapshots[-1].names)):
-        with pytest.raises(ResultError, match="another run has replaced the run"):
-            read()
+    with pytest.raises(ResultError, match="another run has replaced the run"):
+        first.snapshots[-1]["pressure"]
     assert second.snapshots[-1]["inertial_number"].mean() > 0.005
     assert pgran.open(tmp_path / "results" / "biaxial.1.h5").snapshots[-1][
         "inertial_number"].mean() < 0.002
@@ -104,7 +102,7 @@ def test_results_are_absolute_and_refuse_the_data_of_a_later_run(tmp_path, monke
 def test_invalid_options_are_reported_before_anything_runs(tmp_path):
     with pytest.raises(ParameterError, match="inertial_number"):
         pgran.run(tmp_path / "x.h5", inertial_number=-1)
-    with pytest.raises((OptionError, ParameterError)):
+    with pytest.raises(OptionError):
         pgran.run(tmp_path / "x.h5", nosuch=1)
     with pytest.raises(ParameterError):
         pgran.sweep({"inertial_number": [0.001, -1]}, directory=tmp_path, **SMALL)
@@ -153,10 +151,8 @@ def live():
 
 
 @pytest.mark.parametrize("more", [
-    {}, {"petsc": {"options_file": shipped("large")}},
-    {"options_file": shipped("direct")}, {"options_file": shipped("steady")},
-    {"petsc": {"snes_max_it": 1}, "step_min": 5e-5}],
-    ids=["multigrid", "coarse correction", "direct", "steady", "fails"])
+    {"petsc": {"options_file": shipped("large")}}, {"options_file": shipped("direct")},
+    {"petsc": {"snes_max_it": 1}, "step_min": 5e-5}], ids=["multigrid", "direct", "fails"])
 def test_a_run_in_this_process_frees_its_objects(tmp_path, more):
     counts = []
     for number in range(3):
@@ -168,15 +164,13 @@ def test_a_run_in_this_process_frees_its_objects(tmp_path, more):
 
 
 def test_simultaneous_threads_get_separate_results(tmp_path):
-    """In separate files, and in the same file."""
     def run(number):
-        path = tmp_path / ("one" if number > 3 else f"{number}.h5")
-        return pgran.run(path.with_suffix(".h5"), element_size=4, inertial_number=wanted[number],
-                         **SMALL)
+        path = tmp_path / f"{min(number, 0.003)}.h5"  # the last two have the same file
+        return pgran.run(path, element_size=4, inertial_number=number, **SMALL)
 
-    wanted = [0.001, 0.002, 0.003, 0.004, 0.005, 0.006]
-    with ThreadPoolExecutor(6) as pool:
-        found = list(pool.map(run, range(6)))
+    wanted = [0.001, 0.002, 0.003, 0.004]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(run, wanted))
     assert [result.options["inertial_number"] for result in found] == wanted
     assert all(result.complete for result in found)
 
@@ -201,18 +195,13 @@ def test_a_run_of_a_user_defined_case_is_repeated_only_when_its_file_changes(tmp
 
 
 def test_results_can_be_pickled(tmp_path):
-    case = user_case(tmp_path)
-    for path, more in ((tmp_path / "a.h5", SMALL), (tmp_path / "b.h5", {
-            "case": case, "end_time": 0.001, "imperfection": 1})):
-        result = pgran.run(path, **more)
-        result.case, result.snapshots[-1]["pressure"]  # are cached
-        again = pickle.loads(pickle.dumps(result))
-        assert again.parameters == result.parameters and again.options == result.options
-        assert again.parameters.part("case") is result.parameters.part("case")
-        snapshot = pickle.loads(pickle.dumps(result.snapshots[-1]))
-        for name in ("pressure", "speed"):
-            assert np.array_equal(snapshot[name], result.snapshots[-1][name])
-        assert copy.deepcopy(result.parameters) == result.parameters
+    result = pgran.run(tmp_path / "a.h5", case=user_case(tmp_path), end_time=0.001, imperfection=1)
+    result.case, result.snapshots[-1]["pressure"]  # are cached
+    again = pickle.loads(pickle.dumps(result))
+    assert again.parameters == result.parameters and again.options == result.options
+    assert again.parameters.part("case") is result.parameters.part("case")
+    assert np.array_equal(again.snapshots[-1]["speed"], result.snapshots[-1]["speed"])
+    assert copy.deepcopy(result.parameters) == result.parameters
 
 
 def test_a_locale_with_a_decimal_comma_has_no_effect(tmp_path):

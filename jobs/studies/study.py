@@ -1,5 +1,6 @@
 """Common functions of the studies: runs, commands, tables and figures."""
 
+import csv
 import io
 import json
 import os
@@ -13,11 +14,14 @@ from functools import lru_cache
 from pathlib import Path
 
 from pgran import __version__, cases
+from pgran.options import SolutionError
 from pgran.runs import run_on_ranks
-from pgran.runs.table import COST, Table, cost, result_file
+from pgran.runs.sweep import cell, line, result_file
 
-__all__ = ["COST", "Table", "cost", "result_file"]
+__all__ = ["COST", "cost", "result_file"]
 
+#: Columns of the cost of a run and their formats; iterations of Newton's method and linear ones.
+COST = {"steps": "d", "repeated": "d", "Newton": "d", "linear": "d", "s": ".0f", "MB": ".0f"}
 #: Error of a command that fails.
 CommandError = subprocess.CalledProcessError
 #: Directory of the generated pages and figures.
@@ -35,6 +39,12 @@ def json_of(ranks, module, *arguments, **how):
                                           text=True, **how).stdout)
 
 
+def cost(result):
+    """Return the values of the columns `COST` of a `pgran.output.result.Result`."""
+    return [result.attributes[name] for name in (
+        "steps", "steps_repeated", "newton_iterations", "linear_iterations", "seconds", "memory")]
+
+
 def parameters(name, *options):
     """Return the `pgran.options.Parameters` of options/NAME.opts (or None) and further options."""
     file = f"options/{name}.opts" if name else None
@@ -44,20 +54,26 @@ def parameters(name, *options):
 def write_table(path, columns, rows, page=None):
     """Write a table to a CSV file row by row, and when complete to docs/generated; return its rows.
 
-    ``columns`` are titles and formats as for `pgran.runs.table.Table`. A row that is shorter is a
-    note about a run that failed. ``page`` is the name of the page, by default the stem of the CSV
-    file. Raises SolutionError if all runs failed.
+    ``columns`` are titles and formats of numbers. A row that is shorter is a note about a run that
+    failed. ``page`` is the name of the page, by default the stem of the CSV file. Raises
+    SolutionError if all runs failed.
     """
-    table, rows_written = Table(path, columns), []
-    lines = [list(columns), ["---"] * len(columns)]
-    for row in rows:
-        (table.row if len(row) == len(columns) else table.note)(*row)
-        cells = [*row, *[None] * (len(columns) - len(row))]
-        lines.append([str(cell or "-") if isinstance(cell, (str, type(None)))
-                      else format(cell, form) for cell, form in zip(cells, columns.values())])
-        rows_written.append(row)
-    table.close()
-    write_page(page or path.stem, "\n".join(f"| {' | '.join(line)} |" for line in lines))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines, rows_written = [line(columns), line(["---"] * len(columns))], []
+    print(*lines, sep="\n", flush=True)
+    with open(path, "w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for row in rows:
+            cells = [*row, *[None] * (len(columns) - len(row))]
+            writer.writerow(cells)
+            file.flush()
+            lines.append(line(map(cell, cells, columns.values())))
+            print(lines[-1], flush=True)
+            rows_written.append(row)
+    if rows_written and max(map(len, rows_written)) < len(columns):
+        raise SolutionError(f"all runs failed; {path} has no results")
+    write_page(page or path.stem, "\n".join(lines))
     return rows_written
 
 

@@ -10,21 +10,19 @@ import numpy as np
 
 from .. import __version__, cases
 from ..options import PREFIX, OptionError, command_option, help_text, parsed
-from ..options.errors import hint
+from ..options.errors import unknown_option
 from .report import exit_code
 from .streams import guard_streams
 
 HELP = ("-help", "--help", "-h")
-#: The word after -help that lists every option.
 ALL = "all"
 VERSION = "-version", "--version"
-#: The option for output as JSON, which most commands have.
 JSON = command_option("json", "flag", "print one JSON object instead of text", False)
 SUMMARY = f"""Options of a run:
   -options_file FILE          read options from a file, one per line; see options/*.opts
   -pgran_case NAME            flow problem, or FILE.py:Class; NAME is one of
-                              {{cases}}
-  -pgran_model, -pgran_law    rheology: {{models}}; {{laws}}
+                              {{case}}
+  -pgran_model, -pgran_law    rheology: {{model}}; {{law}}
   -pgran_output NAME.h5       result file
   -pgran_restart NAME.h5      resume a run from its last checkpoint
 
@@ -47,15 +45,12 @@ def help_wanted(words):
 
 def run_help(description, options, run_options=()):
     """Return the text of ``-help`` of a command on ranks: the summary, or all ``run_options``."""
+    if run_options:
+        last = f"Options of the run, as <default> [unit]:\n\n{help_text(run_options)}"
+    else:
+        last = SUMMARY.format(**{kind.name: ", ".join(kind.names) for kind in cases.KINDS})
     first = f"Options of this command:\n\n{help_text(options)}\n\n" if options else ""
-    if not run_options:
-        names = {kind.name: " | ".join(kind.names) for kind in cases.KINDS}
-        return f"{description}\n{first}" + SUMMARY.format(
-            cases=names["case"].replace(" |", ","), models=names["model"], laws=names["law"])
-    return (f"{description}\n{first}Options of the run, as <default> [unit]. A case, law or model "
-            "has further options: name it together with -help to list them. Options of PETSc "
-            f"(-ts_, -snes_, -ksp_, -pc_, -log_view, ...) are accepted too.\n\n"
-            f"{help_text(run_options)}")
+    return f"{description}\n{first}{last}"
 
 
 def values_of(options, texts):
@@ -72,8 +67,6 @@ def run_without_petsc(arguments, name, action, description, options, operands=""
     ----------
     arguments : list of str
         The command line without the name of the program.
-    name, description : str
-        The command, for messages and for ``-help``.
     action : callable
         ``action(args, operands)``, or ``action(parameters, args)`` with ``runs``.
     options : tuple of pgran.options.Option
@@ -118,7 +111,6 @@ class _Parser(argparse.ArgumentParser):
         return []  # no abbreviations
 
     def error(self, message):
-        """Raise `OptionError`."""
         raise OptionError(message.replace("argument ", "").replace("expected one argument",
                                                                    "the value is missing"))
 
@@ -133,7 +125,6 @@ def _parse(arguments, options, operands, runs):
     for word in rest:
         option = word.startswith("-") and not re.match(r"-[\d.]", word)
         if option and not (runs and word.startswith(f"-{PREFIX}")):
-            names = [option.name for option in options]
-            raise OptionError(f"unknown option {word}; {hint(word.lstrip('-'), names, '')}")
+            raise unknown_option(word.lstrip("-"), [option.name for option in options], "")
     texts = {name: text for name, text in vars(found).items() if text is not None}
     return (texts, rest) if operands else ({**texts, **parsed(rest)}, [])

@@ -14,7 +14,7 @@ from ..options.files import all_sources
 from ..signals import preserved
 from ..versions import FIRST
 from .commands import ALL, HELP, VERSION, help_wanted, run_help, values_of
-from .report import REPORTED_ERRORS, report_error
+from .report import report_error
 from .streams import guard_streams
 
 #: Beginnings of options that PETSc reads only when it starts.
@@ -35,22 +35,16 @@ def start(arguments, action, description="", options=(), slepc=False,
     action : callable
         Its arguments are the resolved `pgran.options.Parameters`, a namespace with the options of
         the command, and the communicator of PETSc.
-    description : str
-        The first part of ``-help``.
     options : tuple of pgran.options.Option
         Options of the command.
     slepc : bool
         Whether to start SLEPc too.
     complete : callable
         ``complete(texts)`` returns all options of a run, {name: text}, from the given ones.
-
-    Returns
-    -------
-    int
-        0 after success, `STOPPED` if a signal stopped the run, and 1 after an error.
     """
     guard_streams()
-    running = petsc_runs()
+    module = sys.modules.get("petsc4py.PETSc")
+    running = module is not None and module.Sys.isInitialized()
     wanted, all_options = help_wanted(arguments)
     words = [word for word, previous in zip(arguments[1:], arguments)
              if word not in (*HELP, *VERSION) and not (word == ALL and previous in HELP)]
@@ -59,9 +53,8 @@ def start(arguments, action, description="", options=(), slepc=False,
         found = all_sources(words)
         if running:
             refuse_at_start(found)
-    except ValueError as error:  # reported below, when all ranks can end together
-        quotes = not isinstance(error, OptionError)
-        invalid = OptionError(f"PETSC_OPTIONS: {str(error).lower()}") if quotes else error
+    except OptionError as error:  # reported below, when all ranks can end together
+        invalid = error
     os.environ.pop("PETSC_OPTIONS", None)  # `found` contains them
     words = (word for name, text in found.items() for word in (f"-{name}", text) if word)
     with preserved():
@@ -69,7 +62,7 @@ def start(arguments, action, description="", options=(), slepc=False,
         package.init(["pgran", *FIRST, "-skip_petscrc", *words])
     from petsc4py import PETSc
 
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # `Stream` handles the error
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # `guard_streams` handles the error
     comm = PETSc.COMM_WORLD
     control_comm = comm.tompi4py().Dup()  # without messages of the action
     with decimal_points(), database(found) if running else nullcontext():
@@ -82,7 +75,9 @@ def start(arguments, action, description="", options=(), slepc=False,
                 return 0
             texts = given_texts(options)
             if wanted or not arguments[1:]:
-                run_options = _options_for_help(texts) if all_options or texts else ()
+                kinds = [f"{PREFIX}{kind.name}" for kind in cases.KINDS]
+                chosen = {name: texts[name] for name in kinds if name in texts}
+                run_options = cases.read(chosen).options if all_options or texts else ()
                 if comm.rank == 0:
                     print(run_help(description, options, run_options), flush=True)
                 return int(not wanted)
@@ -94,12 +89,6 @@ def start(arguments, action, description="", options=(), slepc=False,
             return report_error(error, comm, control_comm)
 
 
-def petsc_runs():
-    """Return whether PETSc has been initialised in this process."""
-    module = sys.modules.get("petsc4py.PETSc")
-    return module is not None and module.Sys.isInitialized()
-
-
 @contextmanager
 def database(texts):
     """Replace all options of PETSc by {name: text} within the context."""
@@ -108,23 +97,30 @@ def database(texts):
     present = PETSc.Options()
 
     def replace(wanted):
-        previous = {name: present.getString(name, "") for name in present.getAll()}
-        for name in previous:
+        for name in present.getAll():
             present.delValue(name)
         for name, text in wanted.items():
             present.setValue(name, text)
-        return previous
 
-    previous = replace(texts)
+    previous = _texts(present.getAll())
+    replace(texts)
     try:
         yield
     finally:
         replace(previous)
 
 
+def _texts(names):
+    """Return {name: text} of PETSc's options, which then count as used."""
+    from petsc4py import PETSc
+
+    database = PETSc.Options()  # getAll splits values at blanks
+    return {name: database.getString(name, "") for name in names}
+
+
 @contextmanager
 def decimal_points():
-    """Read and write numbers with a decimal point: PETSc uses the locale of the process."""
+    """Read and write numbers with a decimal point; PETSc uses the locale of the process."""
     previous = locale.setlocale(locale.LC_NUMERIC)
     locale.setlocale(locale.LC_NUMERIC, "C")
     try:
@@ -145,26 +141,13 @@ def given_texts(options=()):
     """Return {name: text} of a run and of a command; PETSc then counts them as used."""
     from petsc4py import PETSc
 
-    database, names = PETSc.Options(), {option.name for option in options}
-    # getAll splits values at blanks; getString returns the complete value.
-    return {name: database.getString(name, "") for name in database.getAll()
-            if name.startswith(PREFIX) or name in names}
-
-
-def _options_for_help(texts):
-    """The options of a run with the case, law and model of the command line."""
-    kinds = {f"{PREFIX}{kind.name}" for kind in cases.KINDS}
-    try:
-        return cases.read({name: text for name, text in texts.items() if name in kinds}).options
-    except REPORTED_ERRORS:
-        return cases.read({}).options
+    names = {option.name for option in options}
+    return _texts(name for name in PETSc.Options().getAll()
+                  if name.startswith(PREFIX) or name in names)
 
 
 def check_names(texts, options, run_options):
-    """Raise `OptionError` for a misspelt option of pgran, and for a value nan.
-
-    ``texts`` = {name: text} are all options; the others are `Option`s of the command and the run.
-    """
+    """Raise `OptionError` for a misspelt option of pgran in {name: text}, and for a value nan."""
     names = {option.name for option in options} | {"options_file", "help", "version", "doctor"}
     run_names = {f"{PREFIX}{option.name}" for option in run_options}
     for name, value in texts.items():
@@ -189,10 +172,7 @@ def steady():
 
 
 def choose_solver(texts):
-    """Pass the `pgran.options.default_solver` of a run with options {name: text} to PETSc.
-
-    Returns the options file of the solver, or None, and the completed options of the run.
-    """
+    """Pass the `default_solver` of a run to PETSc; return its path and the completed options."""
     from petsc4py import PETSc
 
     database = PETSc.Options()
@@ -204,10 +184,9 @@ def choose_solver(texts):
 
 
 def solver_options():
-    """Return all options of PETSc as the lines of an options file. PETSc counts them as used."""
+    """Return all options of PETSc as the lines of an options file."""
     from petsc4py import PETSc
 
-    database = PETSc.Options()
-    return "".join(f"-{name} {database.getString(name, '')}".rstrip() + "\n"
-                   for name in sorted(database.getAll())
-                   if not name.startswith((PREFIX, "options_", "skip_petscrc")))
+    names = (name for name in sorted(PETSc.Options().getAll())
+             if not name.startswith((PREFIX, "options_", "skip_petscrc")))
+    return "".join(f"-{name} {text}".rstrip() + "\n" for name, text in _texts(names).items())

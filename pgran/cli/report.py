@@ -8,7 +8,7 @@ import time
 import traceback
 
 from ..options import Interrupted, OptionError, ParameterError, SolutionError
-from ..options.files import combined_options, shipped
+from ..options.files import read_file, shipped
 from ..versions import callback_error, was_read
 
 #: Errors that are reported in one message. All ranks raise them together.
@@ -25,7 +25,7 @@ AT_END = ("citations", "log_view", "malloc_dump", "objects_dump", "options_left"
 def exit_code(command, action, *arguments):
     """Call ``action(*arguments)``, report errors of the user in one message; return the exit code.
 
-    ``command`` is the name of the command in messages.
+    Messages begin with the name of the ``command``.
     """
     try:
         action(*arguments)
@@ -42,7 +42,7 @@ def exit_code(command, action, *arguments):
 
 
 def message_of(error):
-    """Return the message of an error, or a traceback if the error is unexpected."""
+    """Return the message of an error, or a traceback."""
     if isinstance(error, Interrupted):
         return error.as_option()
     if isinstance(error, REPORTED_ERRORS):
@@ -70,10 +70,7 @@ def report_error(error, comm, control_comm):
 
 
 def end_unless_shared(error, control_comm, text):
-    """Print ``text`` and end all ranks unless all of them raised an error. Collective.
-
-    ``control_comm`` is an mpi4py communicator without pending messages.
-    """
+    """Print ``text`` and end all ranks unless all of them raised an error. Collective."""
     if getattr(error, "one_rank_only", False) or not all_ranks_arrive(control_comm):
         print(f"{text}\npgran: rank {control_comm.rank} failed and others did not; all are ended",
               file=sys.stderr, flush=True)
@@ -83,8 +80,8 @@ def end_unless_shared(error, control_comm, text):
 def all_ranks_arrive(comm):
     """Return whether all ranks call this function within `TOGETHER` seconds.
 
-    ``comm`` is an mpi4py communicator without pending messages. The caller sets the attribute
-    ``one_rank_only`` of an error that is not shared, so that `start` ends all ranks at once.
+    ``comm`` is an mpi4py communicator without pending messages. Otherwise the caller sets
+    ``one_rank_only`` of its error, so that all ranks are ended at once.
     """
     request, end = comm.Ibarrier(), time.monotonic() + TOGETHER
     while not request.Test():
@@ -113,7 +110,7 @@ def report_unused(comm):
 
     everything = {name: value or "" for name, value in PETSc.Options().getAll().items()}
     # A file with multigrid may follow one with the direct solver.
-    direct = combined_options(shipped("solver_lu"))
+    direct = read_file(shipped("solver_lu"))
     unused = {name: value for name, value in everything.items() if name not in AT_END
               and direct.get(name) != value and not was_read(name)}
     used = [name for name in everything if name not in unused]

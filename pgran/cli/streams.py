@@ -4,13 +4,10 @@ import os
 import sys
 
 
-class Stream:
+class _Stream:
     """A standard stream that discards further output after an error.
 
-    Attributes
-    ----------
-    failed : bool
-        Whether output was lost for another reason than a closed pipe.
+    ``failed`` says whether output was lost for another reason than a closed pipe.
     """
 
     def __init__(self, stream):
@@ -20,16 +17,14 @@ class Stream:
         return getattr(self._stream, name)
 
     def write(self, text):
-        """Write ``text``."""
-        return self._try(lambda: self._stream.write(text))
+        return self._try(self._stream.write, text)
 
     def flush(self):
-        """Write the buffered text."""
         self._try(self._stream.flush)
 
-    def _try(self, action):
+    def _try(self, action, *arguments):
         try:
-            return action()
+            return action(*arguments)
         except OSError as error:
             null = os.open(os.devnull, os.O_WRONLY)
             os.dup2(null, self._stream.fileno())
@@ -38,16 +33,15 @@ class Stream:
                 self.failed = True
                 print(f"pgran: warning: standard output cannot be written ({error.strerror}); "
                       "further output is discarded", file=sys.stderr, flush=True)
-            return None
 
 
 def guard_streams():
-    """Replace standard output and error by `Stream`s, and open the standard files if closed."""
+    """Keep standard streams usable after errors, and open the standard files if closed."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:  # closed: no file of the run may get this number
             os.open(os.devnull, os.O_RDWR)
         stream = getattr(sys, name)
-        if number and not isinstance(stream, Stream):
-            setattr(sys, name, Stream(stream or open(number, "w", closefd=False)))
+        if number and not isinstance(stream, _Stream):
+            setattr(sys, name, _Stream(stream or open(number, "w", closefd=False)))

@@ -1,8 +1,4 @@
-"""Options: their description, loading of components, the options of a run, and options files.
-
--help, the reader of options and the tables of the documentation all use the same `Option`s. The
-package requires neither PETSc nor MPI.
-"""
+"""Options: their description, loading of components, the options of a run, and options files."""
 
 from .definition import Option, command_option, help_text, markdown_table, plain, positive
 from .errors import PREFIX, Interrupted, OptionError, ParameterError, SolutionError, not_among

@@ -12,31 +12,21 @@ BOOLS = {"true": True, "1": True, "yes": True, "on": True, "": True,
 
 @dataclass(frozen=True)
 class Option:
-    """One option: its name, its type, its allowed values and its documentation.
+    """One option: its name without prefix, its type, its allowed values and its documentation.
 
     Attributes
     ----------
-    name : str
-        Name without prefix.
     kind : str
         float, int, bool, str, flag (a bool without a value), floats or ints (comma-separated
         lists).
     default : object
-        Default value; None if the option is unset or follows from other options, see ``meaning``.
-    unit, meaning, equation : str
-        Documentation.
-    choices : tuple of str
-        The allowed values; empty if any value is allowed.
+        None if the option is unset or follows from other options.
     low, high : float
-        Bounds of numbers.
-    open_low, open_high : bool
-        Whether the bounds are excluded.
+        Bounds, which ``open_low`` and ``open_high`` exclude.
     length : int
         Length of a list; 0 for any length.
     shared : tuple of str
         The input files that must have been made with the same value: restart, mode_file.
-    prefix : str
-        Prefix of the name on the command line.
     words : str
         Description of the allowed values, if the other attributes do not give it.
     needs : str
@@ -75,10 +65,9 @@ class Option:
             return "true | false"
         if self.kind == "str":
             return f"a file name that ends in {self.suffix}" if self.suffix else "text"
-        noun = {"int": "an integer", "float": "a number"}.get(self.kind)
-        if noun is None:
-            items = "integers" if self.kind == "ints" else "numbers"
-            noun = f"{self.length or 'a list of'} {items}"
+        several = self.length or "a list of"
+        noun = {"int": "an integer", "float": "a number", "ints": f"{several} integers",
+                "floats": f"{several} numbers"}[self.kind]
         bounds = []
         if self.low > -math.inf:
             bounds.append(f"{'>' if self.open_low else '>='} {self.low:g}")
@@ -86,35 +75,24 @@ class Option:
             bounds.append(f"{'<' if self.open_high else '<='} {self.high:g}")
         return f"{noun} {' and '.join(bounds)}".strip()
 
-    def refuse(self, value):
-        """Raise the `ParameterError` of a value that is not allowed."""
-        listed = "|" in self.allowed
-        raise ParameterError(self.name, value, f"{'expected one of:' if listed else 'must be'} "
-                             f"{self.allowed}", self.prefix)
-
     def parse(self, text):
-        """Return the value of ``text``.
-
-        Raises
-        ------
-        ParameterError
-            If the text is not an allowed value.
-        """
+        """Return the value of ``text``, or raise `ParameterError` if it is not allowed."""
         text = str(text).strip()
-        if self.kind == "str":
-            good = text and text.endswith(self.suffix) and text in (self.choices or (text,))
-            return text if good else self.refuse(text)
-        if self.kind in ("bool", "flag"):
-            return BOOLS[text.lower()] if text.lower() in BOOLS else self.refuse(text)
         number, listed = int if self.kind in ("int", "ints") else float, self.kind.endswith("s")
         try:
-            numbers = tuple(number(part) for part in (text.split(",") if listed else [text]))
-            good = all(map(self._within, numbers)) and self.length in (0, len(numbers))
-        except (ValueError, OverflowError):
-            good = False
-        if not good:
-            self.refuse(text)
-        return numbers if listed else numbers[0]
+            if self.kind in ("bool", "flag"):
+                return BOOLS[text.lower()]
+            if self.kind == "str":
+                if text and text.endswith(self.suffix) and text in (self.choices or (text,)):
+                    return text
+            else:
+                numbers = tuple(map(number, text.split(",") if listed else [text]))
+                if all(map(self._within, numbers)) and self.length in (0, len(numbers)):
+                    return numbers if listed else numbers[0]
+        except (KeyError, ValueError, OverflowError):
+            pass
+        raise ParameterError(self.name, text, ("expected one of: " if "|" in self.allowed else
+                                               "must be ") + self.allowed, self.prefix)
 
     def _within(self, number):
         return (math.isfinite(number) and self.low <= number <= self.high
@@ -151,7 +129,7 @@ def help_text(options):
 
 
 def markdown_table(options):
-    """Return options as a table in Markdown, or an empty text without options."""
+    """Return options as a table in Markdown."""
     lines = ["| option | default | unit | allowed | meaning | equation |",
              "|---|---|---|---|---|---|"]
     for option in options:
@@ -159,4 +137,4 @@ def markdown_table(options):
         cells = (f"`-{option.prefix}{option.name}`", default, option.unit, option.allowed,
                  option.meaning, option.equation)
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
-    return "\n".join(lines) + "\n" if options else ""
+    return "\n".join(lines) + "\n"

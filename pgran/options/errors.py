@@ -56,13 +56,15 @@ def _with_prefix(text):
     return text.replace("@@", "-").replace("@", f"-{PREFIX}")
 
 
-def hint(name, known, prefix=PREFIX):
-    """Return the options with a similar name as a question, or a reference to ``-help``."""
-    near = [f"-{prefix}{other}" for other in difflib.get_close_matches(name, list(known))]
-    return f"did you mean {' or '.join(near)}?" if near else "-help lists the options"
+def not_among(name, allowed, prefix="", otherwise=""):
+    """Return which of the ``allowed`` names are similar to ``name``, else ``otherwise`` or all."""
+    near = [prefix + other for other in difflib.get_close_matches(name, list(allowed))]
+    if near:
+        return f"did you mean {' or '.join(near)}?"
+    return otherwise or f"expected {' | '.join(allowed)}"
 
 
-def not_among(name, allowed):
-    """Return which of the ``allowed`` names are similar to ``name``, or all if none is similar."""
-    near = difflib.get_close_matches(name, list(allowed))
-    return f"did you mean {' or '.join(near)}?" if near else f"expected {' | '.join(allowed)}"
+def unknown_option(name, known, prefix=PREFIX):
+    """Return the `OptionError` of an option ``-prefix name`` that is not ``known``."""
+    cure = not_among(name, known, f"-{prefix}", "-help lists the options")
+    return OptionError(f"unknown option -{prefix}{name}; {cure}")

@@ -18,14 +18,14 @@ PSEUDO = ("snes_type", "ts_pseudo_increment", "ts_pseudo_fatol", "ts_pseudo_frto
 def parsed(words, where="command line", folder=".", above=()):
     """Return {name: text} of words ``-name [value]``, which override the options files they name.
 
-    ``where`` is the source for messages, ``folder`` contains the options files (as does the current
-    directory), and ``above`` are the files that include this one. Raises `OptionError`.
+    ``where`` is the source for messages. Options files are in ``folder`` or the current directory;
+    ``above`` are the files that include this one. Raises `OptionError`.
     """
     files, texts, name = {}, {}, None
     for word in map(str, words):
         if re.match(r"--[A-Za-z_]", word):
             raise OptionError(f"{word}: options begin with one dash, as in {word[1:]} ({where})")
-        if is_option(word):
+        if re.match(r"-[A-Za-z_]", word):
             if "=" in word:
                 raise OptionError(f"{word}: a blank separates name and value, as in "
                                   f"{word.replace('=', ' ')} ({where})")
@@ -44,16 +44,8 @@ def parsed(words, where="command line", folder=".", above=()):
     return {**files, **texts}
 
 
-def is_option(word):
-    """Return whether a word of a command line is the name of an option."""
-    return bool(re.match(r"-[A-Za-z_]", word))
-
-
 def read_file(path, above=()):
-    """Return the options {name: text} of a file and of the files that it includes.
-
-    Raises `OptionError` if a file cannot be read or a line is not ``-name [value]``.
-    """
+    """Return {name: text} of an options file and of the files that it includes; see `parsed`."""
     label, real = f"-options_file {path}", os.path.realpath(path)
     if real in above:
         raise OptionError(f"{label}: the file includes itself")
@@ -66,12 +58,16 @@ def read_file(path, above=()):
     found = {}
     for number, line in enumerate(lines, 1):
         where = f"{label}, line {number}"
-        try:
-            words = shlex.split(line, comments=True)
-        except ValueError as error:
-            raise OptionError(f"{where}: {str(error).lower()}") from None
-        found.update(parsed(words, where, Path(path).parent, (*above, real)))
+        found.update(parsed(_split(line, where, comments=True), where, Path(path).parent,
+                            (*above, real)))
     return found
+
+
+def _split(text, where, **how):
+    try:
+        return shlex.split(text, **how)
+    except ValueError as error:
+        raise OptionError(f"{where}: {str(error).lower()}") from None
 
 
 def combined_options(options_file, *words):
@@ -86,7 +82,7 @@ def all_sources(words):
     for path in filter(Path.is_file, files if "-skip_petscrc" not in words else ()):
         found.update(read_file(path))
     variable = "PETSC_OPTIONS"
-    found.update(parsed(shlex.split(os.environ.get(variable, "")), variable))
+    found.update(parsed(_split(os.environ.get(variable, ""), variable), variable))
     return {**found, **parsed(words)}
 
 
@@ -99,15 +95,10 @@ def shipped(name):
 
 
 def default_solver(texts):
-    """Return the solver of a run whose options do not choose one.
+    """Return the solver of a run with options {name: text}, including options of PETSc.
 
     It is the solver in the options file of the case if it suits the model and -ts_type, otherwise
     MUMPS as in options/solver_lu.opts.
-
-    Parameters
-    ----------
-    texts : dict
-        {name: text} of all options of the run, including options of PETSc.
 
     Returns
     -------
@@ -119,9 +110,7 @@ def default_solver(texts):
     path, solver = None, {}
     if "pc_type" not in texts:
         paths = filter(None, map(shipped, (_chosen(texts, "case"), "steady", "solver_lu")))
-        path = next((path for path in paths if suits(read_file(path), texts)), None)
-        if not path:
-            raise OptionError("options/solver_lu.opts is missing; install pgran again")
+        path = next(path for path in paths if suits(read_file(path), texts))
         solver = {name: text for name, text in read_file(path).items()
                   if name in SOLVER or not name.startswith((PREFIX, "ts_type"))}
     if texts.get("ts_type") == "pseudo":
@@ -133,8 +122,7 @@ def default_solver(texts):
 def suits(found, texts):
     """Return whether the solver of an options file suits the options {name: text} of a run.
 
-    The type of time stepping must be the same. Multigrid is chosen for models of NGF only, because
-    no coarse grid resolves bands of a local rheology.
+    Multigrid suits models of NGF only, because no coarse grid resolves bands of a local rheology.
     """
     if "pc_type" not in found or found.get("ts_type") not in (None, texts.get("ts_type", "beuler")):
         return False
@@ -142,6 +130,5 @@ def suits(found, texts):
 
 
 def _chosen(texts, name):
-    """The case, law or model in {name: text}, or its default."""
-    defaults = {option.name: option.default for option in RUN}
-    return texts.get(PREFIX + name) or defaults[name]
+    return texts.get(PREFIX + name) or next(
+        option.default for option in RUN if option.name == name)

@@ -2,35 +2,33 @@
 
 import functools
 import importlib
-import importlib.machinery
-import importlib.util
 import os
 import pkgutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 from .definition import Option
 from .errors import ParameterError
 
 
 def modules_of(path):
-    """Return the public modules in the ``__path__`` of a package, (n,) strings."""
-    return sorted(module.name for module in pkgutil.iter_modules(path)
-                  if not module.name.startswith("_"))
+    """Return the names of the public modules in the ``__path__`` of a package, a tuple."""
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(path)
+                        if not module.name.startswith("_")))
 
 
-def allowed_names(path):
-    """Return the allowed values of an option that names a module of a package or a class."""
-    return " | ".join((*modules_of(path), "package.module:Class", "path/to/file.py:Class"))
+def allowed_names(names):
+    """Return the allowed values of an option that names one of these modules or a class."""
+    return " | ".join((*names, "package.module:Class", "path/to/file.py:Class"))
 
 
 @dataclass(frozen=True)
 class Component:
-    """A component of a simulation that one option chooses: the case, the law or the model.
+    """A component of a simulation: the case, the law or the model, a subclass of ``base``.
 
-    It is a subclass of ``base``. The option gives the name of a module of ``package``,
-    ``package.module:Class`` or ``path/to/file.py:Class``.
+    An option names a module of ``package`` or a class (`allowed_names`).
     """
 
     name: str
@@ -39,24 +37,17 @@ class Component:
 
     @property
     def names(self):
-        """The modules of the package, (n,) strings."""
-        return tuple(modules_of(importlib.import_module(self.package).__path__))
+        """The names of the modules of the package."""
+        return modules_of(importlib.import_module(self.package).__path__)
 
     def load(self, text):
-        """Return the class that ``text`` names.
-
-        Raises
-        ------
-        ParameterError
-            If the class is not found or is incomplete.
-        """
+        """Return the class that ``text`` names, or raise `ParameterError`."""
         def refuse(reason):
             raise ParameterError(self.name, text, reason)
 
         target, _, name = text.rpartition(":")
         if not target and text not in self.names:
-            path = importlib.import_module(self.package).__path__
-            refuse(f"expected one of: {allowed_names(path)}")
+            refuse(f"expected one of: {allowed_names(self.names)}")
         modified = os.stat(target).st_mtime_ns if os.path.isfile(target) else None
         try:
             module = _module(target or f"{self.package}.{text}", modified)
@@ -73,19 +64,9 @@ class Component:
             refuse(f"{name} is not a subclass of {self.base.__module__}.{self.base.__name__}")
         if missing := sorted(found.__abstractmethods__):
             refuse(f"{name} lacks {', '.join(missing)}")
-        if hasattr(found, "rows"):
-            refuse(f"{name} has the attribute rows; rows is now options")
         if not all(isinstance(option, Option) for option in found.options):
             refuse(f"options of {name} must be a tuple of pgran.options.Option")
         return found
-
-
-class _SourceLoader(importlib.machinery.SourceFileLoader):
-    """Compiles a user-defined file without reading or writing bytecode."""
-
-    def get_code(self, fullname):
-        """Return the compiled source."""
-        return self.source_to_code(self.get_data(self.path), self.path)
 
 
 @functools.cache
@@ -96,9 +77,9 @@ def _module(target, modified):
     path = Path(target)
     if not path.is_file():
         raise FileNotFoundError("there is no such file")
-    name = f"pgran_user_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path, loader=_SourceLoader(name, str(path)))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses in the file look it up
-    spec.loader.exec_module(module)
+    module = ModuleType(f"pgran_user_{path.stem}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module  # dataclasses in the file look it up
+    # Without bytecode, which might be of an earlier version.
+    exec(compile(path.read_bytes(), path, "exec"), vars(module))
     return module

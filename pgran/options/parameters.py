@@ -1,15 +1,11 @@
-"""The options of a run, and how they are resolved.
-
-Lengths are in grain diameters d, stresses in the reference stress of the case, and times in
-1/gdot0, the inverse of its reference shear rate.
-"""
+"""The options of a run, and how they are resolved."""
 
 from pathlib import Path
 from types import SimpleNamespace
 
 from .definition import Option, markdown_table, plain, positive
-from .errors import PREFIX, OptionError, ParameterError, hint
-from .loading import allowed_names
+from .errors import PREFIX, OptionError, ParameterError, unknown_option
+from .loading import allowed_names, modules_of
 
 #: Values that a restart and a mode file must have in common with the run that uses them.
 BOTH = "restart", "mode_file"
@@ -25,7 +21,7 @@ def _component(name, default, folder, meaning, equation=""):
     """Return the `Option` that chooses a class from the modules of a folder."""
     path = [str(Path(__file__).parents[1].joinpath(*folder.split(".")))]
     return Option(name, "str", default, "", meaning, equation, shared=BOTH,
-                  words=allowed_names(path))
+                  words=allowed_names(modules_of(path)))
 
 
 #: The options that every run has.
@@ -45,32 +41,25 @@ RUN = (
     Option("inertia", "bool", False, "", "include the inertial term phi rho_s dv/dt", "(2.2)"),
     Option("body_force", "floats", (0.0, 0.0), "stress/d", "body force b1,b2 per volume", "(2.2)",
            length=2, shared=("restart",)),
-    Option("output", "str", "results/pgran.h5", "", "result file; NAME.xdmf and the snapshots are "
-           "written to the same directory, and an existing file is kept under a numbered name",
-           suffix=".h5", changeable=True),
-    Option("restart", "str", None, "", "result file to start from: with -ts_type beuler the run "
-           "resumes from the newest valid checkpoint, with -ts_type pseudo a snapshot gives the "
-           "geometry and the initial fields, and pgran.eigen computes the spectrum about a "
-           "snapshot", changeable=True),
+    Option("output", "str", "results/pgran.h5", "", "result file; an existing file is kept under a "
+           "numbered name", suffix=".h5", changeable=True),
+    Option("restart", "str", None, "", "result file to start from: its newest valid checkpoint, or "
+           "with -ts_type pseudo and in pgran.eigen a snapshot", changeable=True),
     Option("restart_snapshot", "int", -1, "", "number of the snapshot, with -ts_type pseudo; "
            "negative numbers count from the end", needs="restart", changeable=True),
     Option("checkpoint_steps", "int", None, "", "number of steps between checkpoints; if unset, "
            "checkpoint_minutes applies", low=1, changeable=True),
-    positive("checkpoint_minutes", 10.0, "min", "time between checkpoints; a checkpoint is also "
-             "written at the end of a run and when a signal stops it", changeable=True),
+    positive("checkpoint_minutes", 10.0, "min", "time between checkpoints; one is also written at "
+             "the end of a run", changeable=True),
     Option("picture_every", "int", None, "", "number of steps between pictures of the inertial "
            "number, NAME_step0040.png etc.; requires matplotlib", low=1, changeable=True),
     Option("mode_file", "str", None, "", "mode computed by pgran.eigen; the run starts from the "
-           "base flow of this mode (the reference flow, or a snapshot on a fixed mesh) plus the "
-           "mode"),
-    positive("mode_amplitude", 1e-3, "d gdot0", "largest velocity of this mode",
-             needs="mode_file"),
-    positive("step_error", 0.25, "", "tolerance for the error estimate of a time step. The "
-             "estimate compares velocity v and stress deviator sigma' with their extrapolation "
-             "v*, sigma'* from the previous two states; v0 is the reference flow. If the error "
-             "exceeds twice the tolerance, the step is repeated with a smaller size, but not below "
-             "a tenth of the elastic loading time. Until a band has formed, the tolerance also "
-             "limits (r dt)^2, where r is the growth rate of velocity changes",
+           "base flow of this mode plus the mode"),
+    positive("mode_amplitude", 1e-3, "d gdot0", "largest velocity of this mode", needs="mode_file"),
+    positive("step_error", 0.25, "", "tolerance for the error estimate of a time step, which "
+             "compares velocity v and stress deviator sigma' with their extrapolation v*, sigma'*; "
+             "v0 is the reference flow. A step with more than twice this error is repeated. Until "
+             "a band has formed, the tolerance also limits (r dt)^2 at a growth rate r",
              "max|v - v*|/max|v - v0|, max|sigma' - sigma'*|/(mu_s P0), (r dt)^2",
              changeable=True),
     positive("step_min_deviation", 1e-3, "", "lower bound of max|v - v0| in the error estimate, "
@@ -78,25 +67,21 @@ RUN = (
     positive("step_first", None, "1/gdot0", "first time step; if unset, a tenth of the elastic "
              "loading time", "mu_s P0/(10 G)", changeable=True),
     positive("step_max", 0.01, "1/gdot0", "largest time step", changeable=True),
-    positive("step_min", 1e-8, "1/gdot0", "smallest time step; if a smaller one is required, the "
-             "run stops with an error", changeable=True),
+    positive("step_min", 1e-8, "1/gdot0", "time step below which the run fails", changeable=True),
     Option("step_growth", "float", 1.5, "", "largest ratio of successive time steps", low=1.0,
            open_low=True, changeable=True),
     Option("tolerance_full_deviation", "float", 0.0, "", "relative deviation from the reference "
-           "flow at which the full -snes_atol applies; for smaller deviations the tolerance of "
-           "Newton's method is reduced in proportion, so that its error stays small compared with "
-           "growing perturbations. With 0 it is not reduced", "max|v - v0|/max|v|", low=0.0,
-           changeable=True),
+           "flow below which -snes_atol is reduced in proportion, so that growing perturbations "
+           "are resolved; 0: never", "max|v - v0|/max|v|", low=0.0, changeable=True),
     positive("tolerance_min_factor", 1e-3, "", "smallest factor for this reduction of -snes_atol",
              changeable=True),
-    Option("secant", "bool", True, "", "use the secant of F instead of its tangent in Newton's "
-           "method near the double root of the fluidity equation", changeable=True),
+    Option("secant", "bool", True, "", "use a secant instead of the tangent in Newton's method "
+           "near the double root of the fluidity equation", changeable=True),
     Option("coarse_correction", "bool", False, "", "precede each multigrid cycle by a solution on "
-           "the coarsest grid that resolves the growing waves, for all fields together; for "
-           "specimens much wider than a band", changeable=True),
+           "a coarse grid; for specimens much wider than a band", changeable=True),
     positive("steady_time", 1e3, "1/gdot0", "relaxation time T of elastic deformation in steady "
-             "flow, with -ts_type pseudo and in spectra about a snapshot; it makes material at "
-             "rest nearly rigid", "theta = 1/(G T)", changeable=True),
+             "flow and its spectra; material at rest is nearly rigid", "theta = 1/(G T)",
+             changeable=True),
     positive("grain_diameter", None, "m", "d in SI units, for the scales in the result file"),
     positive("grain_density", None, "kg/m^3", "rho_s in SI units, for the scales"),
     Option("progress", "str", "brief", "", "terminal output: every step (steps), about fifty lines "
@@ -106,17 +91,14 @@ RUN = (
 
 
 class Parameters(SimpleNamespace):
-    """The resolved options; each option is an attribute.
-
-    `options` are the `Option`s, and `part` returns the classes of case, law and model.
-    """
+    """The resolved options; each option is an attribute."""
 
     def __init__(self, options, parts, **values):
         super().__init__(_options=tuple(options), _parts=dict(parts), **values)
 
     @property
     def options(self):
-        """The `Option`s of these parameters, a tuple."""
+        """The `Option`s, a tuple."""
         return self._options
 
     def part(self, name):
@@ -135,7 +117,7 @@ class Parameters(SimpleNamespace):
 
 
 def written(text):
-    """Return {name: text} of lines from `Parameters.text`, under the present names of options."""
+    """Return {name: text} of lines from `Parameters.text`, with the present names."""
     texts = dict(line[1:].split(" ", 1) for line in text.splitlines())
     if f"{PREFIX}step_perturbation" not in texts:
         return texts  # not from release 0.2
@@ -150,14 +132,9 @@ def _renamed(texts, known=()):
 
 
 def table(parts):
-    """Return the options of a run with these components, {name: Option}.
-
-    An option of a case, law or model replaces the option of `RUN` with the same name.
-    """
-    options = {option.name: option for option in RUN}
-    for part in parts.values():
-        options.update((option.name, option) for option in part.options)
-    return options
+    """Return {name: Option} of a run with these components, whose options replace `RUN`."""
+    options = [*RUN, *(option for part in parts.values() for option in part.options)]
+    return {option.name: option for option in options}
 
 
 def read(texts, kinds, stored=False):
@@ -168,7 +145,7 @@ def read(texts, kinds, stored=False):
     texts : dict
         {name: text} of options. Names without the prefix ``pgran_`` are ignored.
     kinds : iterable of Component
-        Case, law and model. `pgran.cases.read` passes them.
+        Case, law and model.
     stored : bool
         Whether the options were read from a result file. Then names of release 0.2 are accepted,
         and options of other components are ignored.
@@ -191,9 +168,14 @@ def read(texts, kinds, stored=False):
     for name, text in texts.items():
         if name in options:
             values[name] = options[name].parse(text)
-        elif not (_check_name(name, options, kinds) and stored):
+        elif not (owners := _owners(name, kinds)):
+            if name not in RENAMED:
+                raise unknown_option(name, options)
+            cure = f"it is now -{PREFIX}{RENAMED[name]}" if RENAMED[name] else "it was removed"
+            raise OptionError(f"unknown option -{PREFIX}{name}; {cure}")
+        elif not stored:
             raise OptionError(f"-{PREFIX}{name} {text}: this option belongs to "
-                              f"{' and '.join(_owners(name, kinds))}, which this run does not use")
+                              f"{' and '.join(owners)}, which this run does not use")
     parameters = Parameters(options.values(), parts, **values)
     for part in parts.values():
         part.resolve(parameters, set(texts) & set(options))
@@ -201,18 +183,8 @@ def read(texts, kinds, stored=False):
     return parameters
 
 
-def _check_name(name, options, kinds):
-    """Return whether an option belongs to another component; raise `OptionError` otherwise."""
-    if _owners(name, kinds):
-        return True
-    if name in RENAMED:
-        cure = f"it is now -{PREFIX}{RENAMED[name]}" if RENAMED[name] else "it was removed"
-        raise OptionError(f"unknown option -{PREFIX}{name}; {cure}")
-    raise OptionError(f"unknown option -{PREFIX}{name}; {hint(name, options)}")
-
-
 def _owners(name, kinds):
-    """The components that have an option, as ``-pgran_case biaxial``."""
+    """Return the components that have an option, as ``-pgran_case biaxial``."""
     return [f"-{PREFIX}{kind.name} {part}" for kind in kinds for part in kind.names
             if any(option.name == name for option in kind.load(part).options)]
 
@@ -232,8 +204,7 @@ def _check_combinations(parameters):
 
 def markdown(kinds):
     """Return the tables of all options in Markdown, grouped by run, case, law and model."""
-    titles = {"case": "Case", "law": "Law", "model": "Model"}
-    tables = {"Every run": RUN, **{f"{titles[kind.name]} `{name}`": kind.load(name).options
+    tables = {"Every run": RUN, **{f"{kind.name.title()} `{name}`": kind.load(name).options
                                    for kind in kinds for name in kind.names}}
-    return "\n".join(f"## {title}\n\n{markdown_table(options) or 'No further options.'}"
+    return "\n".join(f"## {title}\n\n{markdown_table(options)}"
                      for title, options in tables.items()).rstrip("\n") + "\n"

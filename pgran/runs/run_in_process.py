@@ -21,9 +21,7 @@ LOCK = threading.RLock()
 def run(path, options_file, *options):
     """Run pgran in this process unless the run is complete; return the `Result`. Collective.
 
-    All ranks of the process take part. Runs of several threads wait for each other; on several
-    ranks only the main thread can run. See `pgran.runs.run_on_ranks.attributes` for the parameters
-    and `pgran.runs.sweep.run` for the errors.
+    Runs of several threads wait for each other; on several ranks only the main thread can run.
     """
     petsc4py.init(["pgran", *FIRST])
     from petsc4py import PETSc

@@ -29,8 +29,7 @@ IGNORED = ("output", "progress", "restart", "mode_file", "checkpoint_steps", "ch
            "picture_every")
 #: Seconds that a process has to end itself and its ranks.
 GRACE = 10.0
-#: Variables of Open MPI that users set: networks, authentication, binding to cores, and whether
-#: waiting ranks release their core.
+#: Variables of Open MPI that users set and that do not describe a running job.
 NETWORK = ("OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "PMIX_MCA_psec",
            "OMPI_MCA_hwloc_base_binding_policy", "OMPI_MCA_mpi_yield_when_idle")
 #: Options of runs that print only errors.
@@ -59,10 +58,10 @@ def command(ranks, *arguments):
 
 
 def python(ranks, *arguments, check=True, timeout=None, **more):
-    """Run ``python arguments`` on ranks with this package; return the finished process.
+    """Run ``python arguments`` on ranks (0: without mpiexec); return the finished process.
 
-    With 0 ranks it runs without mpiexec. `subprocess.run` describes ``check``, ``timeout``, the
-    errors and ``more``. Signals that stop a run are forwarded to the ranks.
+    `subprocess.run` describes the other arguments and the errors. Signals that stop a run are
+    forwarded to the ranks.
     """
     line, environment = command(ranks, *arguments)
     signals = []
@@ -85,10 +84,9 @@ def python(ranks, *arguments, check=True, timeout=None, **more):
             raise
     # A signal before Python has started ends the ranks with the exit code of mpiexec.
     code = STOPPED if signals and process.returncode else process.returncode
-    finished = subprocess.CompletedProcess(line, code, output, errors)
-    if check:
-        finished.check_returncode()
-    return finished
+    if check and code:
+        raise subprocess.CalledProcessError(code, line, output, errors)
+    return subprocess.CompletedProcess(line, code, output, errors)
 
 
 def for_processes(process, action):
@@ -125,101 +123,80 @@ def holds(path, parameters, ignored=IGNORED):
 
 
 def attributes(path, options_file, options=()):
-    """Return the root attributes of a result file if it was made with these options, else None.
+    """Return the root attributes of a result file if it was made with these options, else {}.
 
-    All resolved options except `IGNORED` must be equal, and so must the options of PETSc, such as
-    -snes_atol, if the file contains them. The file must be newer than the options file, than the
-    files of user-defined classes, and than the result or mode that the run starts from.
-
-    Parameters
-    ----------
-    path : str or Path
-        The result file.
-    options_file : str or Path or None
-    options : sequence
-        Further options as on the command line, which override the options file.
+    All resolved options except `IGNORED` and all options of PETSc must be equal. The file must be
+    newer than the options file, than the files of user-defined classes, and than the result or mode
+    that the run starts from. The words ``options`` override the ``options_file``, which may be
+    None.
     """
     parameters = requested_parameters(options_file, *options)
     if not holds(path, parameters):
-        return None
+        return {}
     parts = (getattr(parameters, kind.name).rpartition(":")[0] for kind in cases.KINDS)
     sources = [name for name in (options_file, parameters.restart, parameters.mode_file, *parts)
                if name and os.path.isfile(name)]
     if os.path.getmtime(path) < max(map(os.path.getmtime, sources), default=0.0):
-        return None
+        return {}
     with h5py.File(path, "r") as file:
         found = dict(file.attrs)
     if "solver_options" not in found:
         return found
+    stored = {line[1:].partition(" ")[::2] for line in found["solver_options"].splitlines()}
     texts = combined_options(options_file, *options)
-    complete = {**default_solver(texts)[1], **texts}
     # Release 0.2 stored only the options that were given.
-    allowed = _of_petsc(texts), _of_petsc(complete)
-    lines = found["solver_options"].splitlines()
-    return found if dict(line[1:].partition(" ")[::2] for line in lines) in allowed else None
-
-
-def _of_petsc(texts):
-    return {name: text for name, text in texts.items() if not name.startswith(PREFIX)}
+    for requested in (texts, {**default_solver(texts)[1], **texts}):
+        if stored == {item for item in requested.items() if not item[0].startswith(PREFIX)}:
+            return found
+    return {}
 
 
 def done(path, options_file, options=()):
     """Return whether a result file is complete and has these options; see `attributes`."""
-    return bool((attributes(path, options_file, options) or {}).get("complete", False))
+    return bool(attributes(path, options_file, options).get("complete", False))
 
 
 def pending(path, options_file, *options):
     """Return the options (a list of words) that start or resume a run, or None if it is `done`.
 
-    A run that was stopped or killed resumes from its last checkpoint. Raises
-    `pgran.options.OptionError` if ``options`` name another result file.
+    Raises `pgran.options.OptionError` if ``options`` name another result file.
     """
     output = parsed(options).get(f"{PREFIX}output", str(path))
     if output != str(path):
         raise OptionError(f"-{PREFIX}output {output}: the result file of this run is {path}; "
                           "omit the option")
-    if done(path, options_file, options):
+    found = attributes(path, options_file, options)
+    if found.get("complete"):
         return None
-    begun = attributes(path, options_file, options) is not None and checkpoints_of(path)
-    restart = ("-pgran_restart", str(path)) if begun else ()
+    restart = ("-pgran_restart", str(path)) if found and checkpoints_of(path) else ()
     return [*map(str, options), "-pgran_output", str(path), *restart]
 
 
 def run(path, options_file, *options, ranks=None, needed=True):
     """Run pgran unless the run is `done`; return the `pgran.output.result.Result`.
 
-    A run that was stopped or killed resumes from its last checkpoint.
+    A run that was stopped or killed resumes from its last checkpoint. See `attributes` for the
+    options and `pgran.runs.sweep.run` for the errors.
 
     Parameters
     ----------
-    path, options_file, *options
-        See `attributes`.
     ranks : int, optional
         `RANKS` by default; 0 runs without mpiexec.
     needed : bool
         Whether a failure is an error; otherwise None is returned.
-
-    Raises
-    ------
-    SolutionError
-        If the run fails. The run itself prints the reason.
-    Interrupted
-        If a signal stops the run. The same call resumes it.
     """
     words = pending(path, options_file, *options)
     if words is None:
         print(f"pgran: {path} is complete", file=sys.stderr)
         return Result(path)
     file = ("-options_file", options_file) if options_file else ()
-    failed = python(RANKS if ranks is None else ranks, "-m", "pgran", *file, *words,
-                    check=False).returncode
-    if failed == STOPPED:
+    code = python(RANKS if ranks is None else ranks, "-m", "pgran", *file, *words,
+                  check=False).returncode
+    if code == STOPPED:
         raise Interrupted(f"{path}: the run was stopped; the same command resumes it")
-    if failed and not needed:
-        return None
-    if failed:
-        raise SolutionError(f"{path}: the run ended with exit code {failed}")
-    return Result(path)
+    if code and needed:
+        raise SolutionError(f"{path}: the run ended with exit code {code}")
+    return None if code else Result(path)
 
 
 def main(arguments):

@@ -1,20 +1,20 @@
 """Runs from Python: a single run, and a run for each point of a grid of parameters.
 
-`pgran.run` and `pgran.sweep` are these functions. Completed runs are reused, and interrupted runs
-resume from their last checkpoint.
+Completed runs are reused, and interrupted runs resume from their last checkpoint.
 """
 
 import itertools
 import os
+import re
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..options import PREFIX, OptionError, SolutionError, combined_options, read_file, shipped
 from ..options.files import SOLVER, suits
 from ..output.result import ANY, Result, options_of
 from . import run_in_process, run_on_ranks
-from .table import cell, line, result_file
 
 #: Environment variables with the number of a task in a job array.
 TASKS = "SLURM_ARRAY_TASK_ID", "PBS_ARRAY_INDEX", "PBS_ARRAYID", "SGE_TASK_ID"
@@ -25,8 +25,7 @@ COSTS = "steps", "newton_iterations", "linear_iterations", "seconds", "memory"
 def run(output=None, options_file=None, ranks=None, **options):
     """Run pgran and return its `pgran.output.result.Result`.
 
-    Without ``ranks`` it runs in this process; if ``mpiexec`` has started the script on several
-    ranks, each of them must call this function.
+    Without ``ranks`` it runs in this process, collectively if the script runs on several ranks.
 
     Parameters
     ----------
@@ -74,11 +73,9 @@ def _checked(options_file=None, petsc=None, ranks=None, output=None, **options):
     return options_file, *words
 
 
-def points(parameters):
-    """Return the points of a grid, a list of {name: value}, from {name: values}."""
-    if not isinstance(parameters, Mapping) or not parameters:
-        raise OptionError("a sweep needs {name: values}")
-    return [dict(zip(parameters, values)) for values in itertools.product(*parameters.values())]
+def result_file(directory, name):
+    """Return the path of the result file of a run with the title ``name``."""
+    return Path(directory) / (re.sub("[^A-Za-z0-9.-]+", "_", name) + ".h5")
 
 
 def sweep(parameters, directory="results/sweep", workers=1, task=None, **common):
@@ -103,7 +100,10 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
     OptionError, ParameterError
         If the options of a point are inconsistent. Nothing has been run then.
     """
-    grid, directory = points(parameters), Path(os.path.abspath(directory))
+    if not isinstance(parameters, Mapping) or not parameters:
+        raise OptionError("a sweep needs {name: values}")
+    grid = [dict(zip(parameters, values)) for values in itertools.product(*parameters.values())]
+    directory = Path(os.path.abspath(directory))
     paths = [result_file(directory, " ".join(f"{name} {value}" for name, value in point.items()))
              for point in grid]
     if task is None:
@@ -132,14 +132,12 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
     return Sweep(grid, paths, dict(sorted(failures.items())), runs)
 
 
+@dataclass
 class Sweep:
     """The results of a sweep.
 
     Attributes
     ----------
-    points : list of dict
-    paths : list of Path
-        Absolute paths.
     failures : dict
         {number of a point: error message} of the runs that failed.
     runs : dict
@@ -147,8 +145,10 @@ class Sweep:
         run causes a `ResultError`.
     """
 
-    def __init__(self, points, paths, failures, runs):
-        self.points, self.paths, self.failures, self.runs = points, paths, failures, runs
+    points: list
+    paths: list
+    failures: dict
+    runs: dict
 
     def __len__(self):
         return len(self.points)
@@ -158,18 +158,19 @@ class Sweep:
         return Result(self.paths[number], self.runs.get(number, ANY))
 
     def rows(self):
-        """Return a dictionary for each point: its parameters, the costs and the measured band.
+        """Return a dictionary for each point: its parameters, the cost, and the band at its end.
 
-        The band and the maximum of I are measured in the last snapshot. Missing values are None.
+        Missing values are None.
         """
         return [self._row(number) for number in range(len(self))]
 
     def _row(self, number):
         result = self[number] if self.paths[number].exists() else None
         last = result.snapshots[-1] if result and result.snapshots else None
+        attributes = result.attributes if result else {}
         band = last.band() if last else {}
         return {**self.points[number], "complete": bool(result and result.complete),
-                **{name: result.attributes.get(name) if result else None for name in COSTS},
+                **{name: attributes.get(name) for name in COSTS},
                 "inertial_number_max": float(last["inertial_number"].max()) if last else None,
                 **{name: band.get(name) for name in ("localised", "angle", "width", "bands")}}
 
@@ -187,3 +188,15 @@ class Sweep:
         rows = self.rows()
         return "\n".join([line(rows[0]), line(["---"] * len(rows[0])),
                           *(line(map(cell, row.values())) for row in rows)])
+
+
+def line(cells):
+    """Return texts as a line of a table in Markdown."""
+    return f"| {' | '.join(cells)} |"
+
+
+def cell(value, form=None):
+    """Return a value as text: None as a dash, and float as ``.4g`` unless a format is given."""
+    if value is None or isinstance(value, str):
+        return value or "-"
+    return format(value, form or (".4g" if isinstance(value, float) else ""))

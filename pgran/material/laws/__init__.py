@@ -113,12 +113,15 @@ def sign_changes(function, low, high, count=2001):
 
     The sign changes between ``count`` points in geometric order are refined to rounding.
     """
-    from scipy.optimize import brentq  # slow to import, and few runs need it
-
     points = np.geomspace(low, high, count)
-    values = np.sign(function(points))
-    return np.array([brentq(function, points[n], points[n + 1], xtol=1e-300, rtol=1e-15)
-                     for n in np.flatnonzero(values[1:] != values[:-1])])
+    signs = np.sign(function(points))
+    left = np.flatnonzero(signs[1:] != signs[:-1])
+    low, high, sign = points[left], points[left + 1], signs[left]
+    for _ in range(60):  # bisection to rounding
+        middle = 0.5 * (low + high)
+        same = np.sign(function(middle)) == sign
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return 0.5 * (low + high)
 
 
 def resolve_jop(cls, parameters, names):
