@@ -24,6 +24,10 @@ def _component(name, default, folder, meaning, equation=""):
                   words=allowed_names(modules_of(path)))
 
 
+#: Subjects of the options in `RUN`, and the first option of each.
+GROUPS = {"problem": "case", "material and loading": "phi", "output, restart and start": "output",
+          "time stepping": "step_error", "solver": "tolerance_full_deviation",
+          "units and terminal": "grain_diameter"}
 #: The options that every run has.
 RUN = (
     _component("case", "biaxial", "cases", "flow problem: domain, boundary conditions, loads, "
@@ -203,8 +207,17 @@ def _check_combinations(parameters):
 
 
 def markdown(kinds):
-    """Return the tables of all options in Markdown, grouped by run, case, law and model."""
-    tables = {"Every run": RUN, **{f"{kind.name.title()} `{name}`": kind.load(name).options
-                                   for kind in kinds for name in kind.names}}
+    """Return the tables of all options in Markdown: of every run by subject, then by owner."""
+    names, tables = [option.name for option in RUN], {}
+    starts = [names.index(first) for first in GROUPS.values()]
+    for title, start, end in zip(GROUPS, starts, [*starts[1:], len(RUN)]):
+        tables[f"Every run: {title}"] = RUN[start:end]
+    for kind in kinds:
+        owners = {}
+        for name in kind.names:
+            for option in kind.load(name).options:
+                owners.setdefault(option, []).append(f"`{name}`")
+        for option, having in sorted(owners.items(), key=lambda item: -len(item[1])):
+            tables.setdefault(f"{kind.name.title()} {', '.join(having)}", []).append(option)
     return "\n".join(f"## {title}\n\n{markdown_table(options)}"
                      for title, options in tables.items()).rstrip("\n") + "\n"
