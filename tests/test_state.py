@@ -19,12 +19,13 @@ def form_of_one_node(response=0.0):
         return SimpleNamespace(x=x)
 
     grid = SimpleNamespace(comm=PETSc.COMM_SELF, nodes=SimpleNamespace(owned=np.array([0])),
-                           n_local=2, split=lambda local: (local.reshape(2, 1), None, None))
+                           n_local=2, split=lambda local: (local.reshape(2, 1), None, None),
+                           gradient=lambda velocity, x: np.zeros((2, 2, 1, 1)))
     case = SimpleNamespace(moving=True, base_gradient=np.zeros((2, 2)),
                            reference=lambda x: (np.array([[0.0], [REFERENCE]]), None, None))
     material = SimpleNamespace(elastic_compliance=lambda dt: 1.0, yield_stress=1.0)
     return SimpleNamespace(grid=grid, case=case, material=material, increment=increment,
-                           response=response, spin=lambda middle, x: np.zeros((1, 1)))
+                           response=response)
 
 
 def followed(dt, end, form=None):
