@@ -85,7 +85,7 @@ class Segment(NamedTuple):
 
 
 def segments_of(cuts):
-    """Return the `Segment`s of lists of stretches on successive cuts."""
+    """Return each `Segment` in lists of stretches on successive cuts."""
     every = [stretch for cut in cuts for stretch in cut]
     if not every:
         return []
