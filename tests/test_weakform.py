@@ -197,15 +197,26 @@ def test_loads_have_their_sign_and_size(load, area):
 @pytest.mark.parametrize("case, model, law", [
     *(("biaxial", model, law) for model, law in MODELS),
     *(("periodic", model, "jop") for model in ("ngf", "ngf_primitive", "li"))])
-def test_vectorised_residuals_agree_with_loops(monkeypatch, case, model, law):
+def test_vectorised_residuals_and_jacobians_agree_with_loops(monkeypatch, case, model, law):
     monkeypatch.setattr("pgran.space.weakform.BATCH", 5)  # several batches, the last one short
     form = discretised(case=case, model=model, law=law, inertial_number=0.1, **SHAPES[case],
                        **LAWS[law])
     x, local = state(form, "flowing")
     step = at_rest(form, x, 0.2, 0.1, form.no_stress() + 0.02)
-    expected = plain.residual(form, local, step)
-    np.testing.assert_allclose(form.residual(local, 0.0 * local, step), expected[form.grid.owned],
-                               rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+    grid, (forces, tangent) = form.grid, plain.assembled(form, local, step)
+    np.testing.assert_allclose(form.residual(local, 0.0 * local, step), forces[grid.owned],
+                               rtol=1e-12, atol=1e-12 * np.abs(forces).max())
+    matrix = form.create_matrix()
+    for _ in range(2):  # a matrix that is filled again keeps no old values
+        form.jacobian(local, 0.0, step, matrix)
+    starts, columns, values = matrix.getValuesCSR()
+    rows = np.repeat(np.arange(grid.n_owned), np.diff(starts))
+    found = np.zeros((grid.n_owned, matrix.getSize()[1]))
+    found[rows, columns] = values
+    expected = np.zeros_like(found)
+    for column in range(grid.n_local):  # in a small cell two local columns may be the same
+        expected[:, grid.global_number[column]] += tangent[grid.owned, column]
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("model, law", MODELS)
