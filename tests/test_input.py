@@ -137,6 +137,8 @@ RUNS = {
     "-snes_error_if_not_converged": "-snes_error_if_not_converged 1: ",
     "-dm_mat_type nest -pc_type lu": "-dm_mat_type nest: requires -pc_type fieldsplit",
     "-pc_type nosuch": "-pc_type nosuch: Unknown type",
+    "-fieldsplit_pressure_pc_python_type pgran.space.schur.BothEnds":
+        "must be a class, such as pgran.space.schur.CahouetChabard",
     f"{' '.join(DIRECT)} -pgran_output keep.h5 -pc_factor_mat_solver_type nosuch":
         "-pc_factor_mat_solver_type nosuch",
     "-pc_type fieldsplit -pc_fieldsplit_0_fields 7 -ksp_type fgmres": "fields of this model are",

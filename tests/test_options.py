@@ -146,13 +146,15 @@ class Lacking(Case):
         return np.array([i, j])
 class Crooked(Cell):
     shape = 2, 0
+class Old(Cell):
+    rows = ()
 """
 
 
 @pytest.mark.parametrize("name, message", [
     ("Lacking", "flow.py:Lacking: Lacking lacks shape"),
-    ("Crooked", "its shape is (2, 0)"),
-    ("None", "has no class None; it has Cell, Lacking, Crooked"),
+    ("Crooked", "its shape is (2, 0)"), ("Old", "rows of Old is now options"),
+    ("None", "has no class None; it has Cell, Lacking, Crooked, Old"),
     ("np", "np is not a subclass of pgran.cases.Case")])
 def test_an_invalid_user_defined_case_is_reported_on_one_line(tmp_path, name, message):
     (tmp_path / "flow.py").write_text(CASE)

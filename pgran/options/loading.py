@@ -64,6 +64,8 @@ class Component:
             refuse(f"{name} is not a subclass of {self.base.__module__}.{self.base.__name__}")
         if missing := sorted(found.__abstractmethods__):
             refuse(f"{name} lacks {', '.join(missing)}")
+        if hasattr(found, "rows"):
+            refuse(f"rows of {name} is now options")
         if not all(isinstance(option, Option) for option in found.options):
             refuse(f"options of {name} must be a tuple of pgran.options.Option")
         return found

@@ -1,5 +1,7 @@
 """Checks of the options of TS, SNES, KSP and DM with which a run could not end correctly."""
 
+from importlib import import_module
+
 from petsc4py import PETSc
 
 from ..options import ParameterError
@@ -53,3 +55,13 @@ def check_options(ts, time, has_fluidity, coarse_correction):
     factor = database.getReal("ts_adapt_scale_solve_failed", 0.25)
     _require("ts_adapt_scale_solve_failed", factor, 0.0 < factor < 1.0,
              "a number > 0 and < 1: a failed step is repeated with a smaller size")
+    name = "fieldsplit_pressure_pc_python_type"
+    if database.hasName(name):
+        text = database.getString(name)
+        module, _, kind = text.rpartition(".")
+        try:
+            found = hasattr(import_module(module), kind)
+        except (ImportError, ValueError):
+            found = False
+        _require(name, text, found, "a class, such as pgran.space.schur.CahouetChabard (before "
+                 "release 0.3 its name was BothEnds)")
