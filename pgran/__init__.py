@@ -5,7 +5,7 @@ rheology mu(I) and the non-local granular fluidity model on structured Q2-Q1
 grids, solved with PETSc.
 """
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 
 def open(path):
