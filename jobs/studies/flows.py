@@ -41,7 +41,7 @@ FLOWS = (
      ("-pgran_inner_radius", RADIUS, "-pgran_outer_radius", RADIUS + 20, "-pgran_phi", PHI,
       "-pgran_inertial_number", SPEED / RADIUS, "-pgran_grading", 3), (2, 1), ("ngf",)))
 COLUMNS = {"flow": "", "law": "", "model": "", "element (d)": ".4g", "velocity": ".1e",
-           "order": ".1f", "fluidity": ".1e", "order ": ".1f", "Newton": "d", "s": ".1f"}
+           "order": ".1f", "fluidity": ".1e", "order ": ".1f", "Newton": "d"}
 
 
 def errors(path):
@@ -81,7 +81,7 @@ def rows(directory, *options):
                     orders = [float(np.log2(a / b)) for a, b in zip(previous, found)]
                 previous = found
                 yield (title, law, model, size, found[0], orders[0], found[1], orders[1],
-                       *(result.attributes[name] for name in ("newton_iterations", "seconds")))
+                       result.attributes["newton_iterations"])
 
 
 def flows(directory="results/flows", *, options=()):

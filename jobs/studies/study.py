@@ -20,8 +20,9 @@ from pgran.runs.sweep import cell, line, result_file
 
 __all__ = ["COST", "cost", "result_file"]
 
-#: Columns of the cost of a run and their formats; iterations of Newton's method and linear ones.
-COST = {"steps": "d", "repeated": "d", "Newton": "d", "linear": "d", "s": ".0f", "MB": ".0f"}
+#: Columns of the cost of a run and their formats: steps, Newton and linear iterations, and memory.
+#: Only the benchmarks contain times, because they need an idle machine.
+COST = {"steps": "d", "repeated": "d", "Newton": "d", "linear": "d", "MB": ".0f"}
 #: Error of a command that fails.
 CommandError = subprocess.CalledProcessError
 #: Directory of the generated pages and figures.
@@ -42,7 +43,7 @@ def json_of(ranks, module, *arguments, **how):
 def cost(result):
     """Return the values of the columns `COST` of a `pgran.output.result.Result`."""
     return [result.attributes[name] for name in (
-        "steps", "steps_repeated", "newton_iterations", "linear_iterations", "seconds", "memory")]
+        "steps", "steps_repeated", "newton_iterations", "linear_iterations", "memory")]
 
 
 def parameters(name, *options):
