@@ -89,9 +89,7 @@ def draw(axes, snapshot, name, norm, style):
         lines = [*x[::2], *np.moveaxis(x, 1, 0)[::2]]
         axes.add_collection(LineCollection(lines, colors="0.5", linewidths=0.3))
     if style.outline and snapshot.result.case.moving:
-        ny, nx = x.shape[:2]
-        i, j = (index.ravel() for index in np.meshgrid(np.arange(nx), np.arange(ny)))
-        start = np.moveaxis(snapshot.result.case.coordinates(i, j).reshape(2, ny, nx), 0, -1)
+        start = snapshot.initial_coordinates
         edge = np.concatenate([start[0], start[:, -1], start[-1, ::-1], start[::-1, 0]])
         axes.plot(*edge.T, color="0.4", linewidth=0.8, linestyle="--")
     if style.arrows:
@@ -153,8 +151,7 @@ def pictures(path, name="inertial_number", style=Style(), suffix=".png", which=N
     Returns the paths NAME_0000.png, ... or, of another quantity than I, NAME_quantity_0000.png, ...
     """
     result, written = Result(path), []
-    chosen = snapshots_of(result, which)
-    style = with_limits(style, result, name)
+    chosen, style = snapshots_of(result, which), with_limits(style, result, name)
     stem = result.path.stem if name == "inertial_number" else f"{result.path.stem}_{name}"
     for snapshot in chosen:
         written.append(result.path.with_name(f"{stem}_{snapshot.name}{suffix}"))
