@@ -28,9 +28,8 @@ def link(file, closed=(False, False)):
     if not groups:
         return
     ends = tuple(map(all, zip(*(open_ends(group, closed) for group in groups.values()))))
-    if any(ends):
-        for name, group in groups.items():
-            repeat(group, file.require_group(f"{REPEATED}/{name}"), ends)
+    for name, group in groups.items():
+        repeat(group, file, f"{REPEATED}/{name}", ends)
     first, *more = groups.values()
     write(file, [float(group.attrs["time"]) for group in groups.values()],
           first["coordinates"].shape[:2],
@@ -83,8 +82,11 @@ def open_ends(group, closed):
     return tuple(not wrap and bool(np.any(shift)) for wrap, shift in zip(closed, period))
 
 
-def repeat(group, target, ends):
-    """Write the fields of a snapshot ``group`` at the repeated nodes, in the order of `numbers`."""
+def repeat(group, file, target, ends):
+    """Write the fields of a snapshot at its repeated nodes, if any, into a new group ``target``.
+
+    The nodes are in the order of `numbers`.
+    """
     for name, data in group.items():
         along, up = data.attrs.get("period", np.zeros(DIM))
         parts = []
@@ -94,7 +96,8 @@ def repeat(group, target, ends):
             parts.append(data[0] + up)
         if all(ends):
             parts.append(data[:1, 0] + along + up)
-        target[name] = np.concatenate(parts)
+        if parts:
+            file[f"{target}/{name}"] = np.concatenate(parts)
 
 
 def _virtual(root, name, field, shape, components, count, more):

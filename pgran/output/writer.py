@@ -7,7 +7,7 @@ run that is killed at any time leaves a valid result.
 import os
 import sys
 import uuid
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from time import monotonic
 
@@ -110,21 +110,21 @@ class Writer:
             lambda: self._create(source, same, attributes))
 
     def _create(self, source, same, attributes):
-        snapshots, fields = self._copy(source) if source else ([], None)
+        # `close` may write them after an error.
+        self.snapshots, self._fields = self._copy(source) if source else ([], None)
         kept = None if same else self._rename_earlier()
-        self.snapshots, self._fields = snapshots, fields  # `close` may write them after an error
         self._set_root({
             "state": RUNNING, "process": files.process_identity(), "run": self.run,
             "format": FORMAT, "pgran_version": __version__,
             "closed": self.case.closed, "options": self.case.parameters.text(),
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
             **self.case.scales(), **attributes})
-        self._write_index(snapshots, fields)
-        snapshot_files.remove_unlinked(self.path, self.run, [entry[2] for entry in snapshots])
+        self._write_index(self.snapshots, self._fields)
+        snapshot_files.remove_unlinked(self.path, self.run, [file for *_, file in self.snapshots])
         self.path.with_suffix(".xdmf").unlink(missing_ok=True)
-        if snapshots:
-            xdmf.add(self.path, self._shape, snapshots, fields, self.case.closed)
-        return kept, snapshots, fields, self._columns
+        if self.snapshots:
+            xdmf.add(self.path, self._shape, self.snapshots, self._fields, self.case.closed)
+        return kept, self.snapshots, self._fields, self._columns
 
     def _copy(self, source):
         """Return the snapshots of a `Source` and their common fields.
@@ -144,10 +144,9 @@ class Writer:
                     target = draft.path.name
                     with draft:
                         file.copy(group, draft.file, GROUP)
-                        if vtkhdf.open_ends(group, self.case.closed) == self._ends:
-                            self._repeat_nodes(draft.file)
-                        else:  # format 3 has no periods
-                            self._ends = False, False
+                        if vtkhdf.open_ends(group, self.case.closed) != self._ends:
+                            self._ends = False, False  # format 3 has no periods
+                        vtkhdf.repeat(group, draft.file, REPEATED, self._ends)
                     draft.publish(flush=True)
                 snapshots.append((name, time, target))
         return snapshots, fields
@@ -160,17 +159,11 @@ class Writer:
             draft.file.attrs.update({"file": path.name, "run": self.run, "format": FORMAT})
         return draft
 
-    def _repeat_nodes(self, file):
-        if any(self._ends):
-            vtkhdf.repeat(file[GROUP], file.create_group(REPEATED), self._ends)
-
     def _set_root(self, attributes):
         """Set root attributes, {name: value}, and their units."""
-        for name, value in attributes.items():
-            self._root[name] = value
-            if name in ATTRIBUTE_UNITS:
-                self._root[f"{name}_unit"] = ATTRIBUTE_UNITS[name].replace(
-                    "stress", self.case.stress_unit)
+        self._root.update(attributes)
+        self._root.update({f"{name}_unit": unit.replace("stress", self.case.stress_unit)
+                           for name, unit in ATTRIBUTE_UNITS.items() if name in attributes})
 
     def _write_index(self, snapshots, fields, flush=True):
         """Write the result file, with links to the snapshot files."""
@@ -261,7 +254,7 @@ class Writer:
 
         def finish(draft):
             with draft:
-                self._repeat_nodes(draft.file)
+                vtkhdf.repeat(draft.file[GROUP], draft.file, REPEATED, self._ends)
             draft.publish(flush=True)
             snapshots = [*self.snapshots, (name, time, draft.path.name)]
             self._write_index(snapshots, common)
@@ -305,11 +298,8 @@ class Writer:
 
 def write_once(path, form, fields, option=("output", PREFIX), **attributes):
     """Write a result with one snapshot at time 0 and root ``attributes``; return its `Writer`."""
-    writer = Writer(path, form, option)
-    try:
+    with closing(Writer(path, form, option)) as writer:
         writer.begin(**attributes)
         writer.snapshot(0.0, fields)
         writer.flush(state=COMPLETE)
-    finally:
-        writer.close()
     return writer

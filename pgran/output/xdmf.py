@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape
 
 from ..space.element import DIM
 from .connectivity import cells
-from .files import write_text
+from .files import private
 from .snapshots import GROUP
 
 #: Begin and end of the file.
@@ -39,7 +39,9 @@ def add(path, shape, snapshots, fields, closed=(False, False)):
             file.seek(end)
             if file.write(text) == len(text):
                 return
-    write_text(xdmf, BEGIN + grids(snapshots))
+    part = private(xdmf)
+    part.write_text(BEGIN + grids(snapshots))
+    part.replace(xdmf)
 
 
 def rename(path, new):
