@@ -188,14 +188,13 @@ def along_line(snapshot, name, ends, points=400):
     ``ends`` = x1, x2 of the first point and x1, x2 of the last one, d.
     """
     first, last = np.reshape(ends, (2, 2))
-    share = np.linspace(0.0, 1.0, points)
     extended = snapshot.whole
     quads = cells(extended.x.shape[:2])
     mesh = Triangulation(*extended.x.reshape(-1, 2).T,
                          np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
-    values = LinearTriInterpolator(mesh, extended[name].ravel())(
-        *(first + share[:, None] * (last - first)).T)
-    return share * np.hypot(*(last - first)), values.filled(np.nan)
+    interpolate = LinearTriInterpolator(mesh, extended[name].ravel())
+    values = interpolate(*np.linspace(first, last, points).T)
+    return np.linspace(0.0, np.hypot(*(last - first)), points), values.filled(np.nan)
 
 
 def check_field(result, name):

@@ -268,17 +268,11 @@ class Snapshot:
         return tuple(not closed and bool(np.any(shift)) for closed, shift in zip(
             self.result.closed, self.period("coordinates")))
 
-    def continued(self, axes):
-        """Return the snapshot with its first nodes repeated at the end of the periodic ``axes``.
-
-        ``axes`` are two bool, for x1 and x2. The repeated nodes belong to the next period.
-        """
-        return _Continued(self, axes) if any(axes) else self
-
     @cached_property
     def whole(self):
         """The snapshot with the first nodes repeated in all periodic directions."""
-        return self.continued(tuple(map(np.logical_or, self.result.closed, self.open_ends)))
+        axes = tuple(map(np.logical_or, self.result.closed, self.open_ends))
+        return _Continued(self, axes) if any(axes) else self
 
     def strain_field(self, name):
         """Return one of `pgran.material.elasticity.strain_fields`, (ny, nx, ...).
@@ -343,7 +337,7 @@ class Snapshot:
         """
         import pyvista
 
-        shown = self.continued(self.open_ends)
+        shown = _Continued(self, self.open_ends)
         elements = q2_elements(shown.x.shape[:2], self.result.closed)
         points = np.pad(shown.x.reshape(-1, 2), ((0, 0), (0, 1)))
         grid = pyvista.UnstructuredGrid({pyvista.CellType.BIQUADRATIC_QUAD: elements}, points)
@@ -354,7 +348,7 @@ class Snapshot:
 
 
 class _Continued(Snapshot):
-    """A snapshot with repeated nodes, see `Snapshot.continued`."""
+    """A snapshot with its first nodes repeated at the end of periodic ``axes``, bool (x1, x2)."""
 
     def __init__(self, snapshot, axes):
         super().__init__(snapshot.result, snapshot.name, snapshot.attributes)

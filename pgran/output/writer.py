@@ -8,6 +8,7 @@ import os
 import sys
 import uuid
 from contextlib import closing, suppress
+from itertools import islice
 from pathlib import Path
 from time import monotonic
 
@@ -22,7 +23,7 @@ from .connectivity import cells
 from .files import Disk, Draft
 from .reader import FORMAT, opened
 from .snapshots import GROUP, REPEATED
-from .start import BASE, common_fields
+from .start import BASE
 
 #: Columns of the history of a run in time: energies (stress d^2) and volume (d^2), per unit depth.
 BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
@@ -41,6 +42,9 @@ UNITS = {"coordinates": "d", "displacement": "d", "velocity": "d gdot0", "speed"
 ATTRIBUTE_UNITS = {"growth_rate": "gdot0", "steady_residual": "stress d", "begun": "s",
                    "seconds": "s", "memory": "MB", "scale_length": "m", "scale_stress": "Pa",
                    "scale_time": "s"}
+#: Root attributes that describe the end of a run.
+ENDING = {"state", "complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
+          "linear_iterations", "seconds", "memory", "ranks"}
 #: Root attribute: number of names of snapshot files that the run has used.
 SERIAL = "snapshot_files"
 #: Upper bounds of the size of the result file per snapshot and per node, bytes.
@@ -127,18 +131,26 @@ class Writer:
         return kept, self.snapshots, self._fields, self._columns
 
     def _copy(self, source):
-        """Return the snapshots of a `Source` and their common fields.
+        """Read history and root attributes of a `Source`; return its snapshots and common fields.
 
         Snapshots inside the source or in files of another run are copied into files of this run.
         """
-        snapshots = []
+        snapshots, fields = [], None
         with opened(source.path) as file:
-            found, fields, self._root = source.read(file, self._columns)
+            history, groups = file["history"], file["snapshots"]
+            if len(groups) < source.snapshots or any(
+                    name not in history or len(history[name]) < source.steps
+                    for name in self._columns):
+                raise OSError(f"{source.path} does not hold the {source.steps} steps and "
+                              f"{source.snapshots} snapshots before the checkpoint")
+            for name, column in self._columns.items():
+                column.extend(history[name][:source.steps].tolist())
+            self._root = {name: value for name, value in file.attrs.items()
+                          if name.removesuffix("_unit") not in ENDING}
             used = snapshot_files.files_of(self.path, self.run)
             self._serial = max([int(self._root.get(SERIAL, 0)), *(n + 1 for n in used)])
-            targets = snapshot_files.linked(file)
-            for name, time in found:
-                target, group = targets[name], file["snapshots"][name]
+            for name, target in islice(snapshot_files.linked(file).items(), source.snapshots):
+                group = groups[name]
                 if not target or self.run != source.run:
                     draft = self._snapshot_draft(sum(data.nbytes for data in group.values()))
                     target = draft.path.name
@@ -148,7 +160,9 @@ class Writer:
                             self._ends = False, False  # format 3 has no periods
                         vtkhdf.repeat(group, draft.file, REPEATED, self._ends)
                     draft.publish(flush=True)
-                snapshots.append((name, time, target))
+                snapshots.append((name, float(group.attrs["time"]), target))
+                fields = common_fields(fields, {
+                    key: data.shape[2:] for key, data in group.items()})
         return snapshots, fields
 
     def _snapshot_draft(self, size):
@@ -294,6 +308,15 @@ class Writer:
             for folder in self._made:
                 if not any(folder.iterdir()):
                     folder.rmdir()
+
+
+def common_fields(known, components):
+    """Return the fields except ``coordinates`` with one shape in ``known`` and in a snapshot.
+
+    Both are {name: shape of its components}; None accepts all fields of the snapshot.
+    """
+    return {name: size for name, size in components.items()
+            if name != "coordinates" and (known is None or known.get(name) == size)}
 
 
 def write_once(path, form, fields, option=("output", PREFIX), **attributes):
