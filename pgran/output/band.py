@@ -212,14 +212,7 @@ def _reason(first, last, found):
 
 
 def band(x, I):
-    """Return the measurements of the shear bands of a snapshot.
-
-    Parameters
-    ----------
-    x : ndarray, (ny, nx, 2)
-        Coordinates of the nodes, d.
-    I : ndarray, (ny, nx)
-        Inertial number.
+    """Return the measurements of the shear bands of I (ny, nx) at nodes ``x`` (ny, nx, 2), d.
 
     Returns
     -------

@@ -111,10 +111,7 @@ class Lock:
 
 
 def process_identity(number=None):
-    """Return a text that identifies a running process (default: this one).
-
-    It is empty if the process has ended, or without /proc.
-    """
+    """Return the identity of a process (default: this one), empty if it ended or without /proc."""
     number = number or os.getpid()
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()

@@ -299,7 +299,6 @@ def window(snapshot, name):
     if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
         raise OptionError("-show: no display; omit -show to write pictures")
     plotter = pyvista.Plotter(title=str(snapshot.result.path))
-    plotter.add_mesh(snapshot.grid(name).tessellate(), scalars=name, cmap=COLOURS,
-                     scalar_bar_args={"title": name})
+    plotter.add_mesh(snapshot.grid(name).tessellate(), scalars=name, cmap=COLOURS)
     plotter.view_xy()
     plotter.show()

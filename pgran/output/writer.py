@@ -61,15 +61,8 @@ class Writer:
     The constructor only locks the file; `begin` creates it. A file that cannot be written, or that
     another run writes, raises `ParameterError`. ``option`` = (name, prefix) is the option that
     names the file, and the observables of the case follow the ``columns`` of the history.
-
-    Attributes
-    ----------
-    kept : str or None
-        The new name of an earlier file.
-    run : str or None
-        The identifier of the run; None before `begin`.
-    snapshots : list of tuple
-        Name, time and file name of each snapshot.
+    ``run`` is the identifier of the run, ``kept`` the new name of an earlier file, and
+    ``snapshots`` is a list of tuples (name, time, file name).
     """
 
     def __init__(self, path, form, option=("output", PREFIX), columns=HISTORY):
