@@ -214,7 +214,7 @@ class Snapshot:
     @property
     def label(self):
         """The progress of the run as a text, for example "5.0 % compression"."""
-        if "steady_residual" in getattr(self.result, "attributes", ()):
+        if "steady_residual" in self.result.attributes:
             return "steady flow"
         return str(self.attributes.get("label", ""))
 
