@@ -101,17 +101,12 @@ class Result:
     ----------
     path : Path
         Absolute.
-    run : str
     attributes : dict
         Root attributes: versions, scales, and the cost of a completed run.
     parameters : pgran.options.Parameters
-        The resolved options.
-    options : dict
-        The same, {name: value}, without the prefix.
+        The resolved options; ``options`` is the same as {name: value}, without the prefix.
     history : dict
-        {name: ndarray (steps,)}, one entry per accepted step.
-    history_units : dict
-        {name: str}, units of the history; empty for a pure number.
+        {name: ndarray (steps,)}, one entry per accepted step; ``history_units`` = {name: str}.
     snapshots : list of Snapshot
 
     Raises
@@ -126,10 +121,9 @@ class Result:
             self.attributes = dict(file.attrs)
             self.run = self.attributes.get("run")
             self.parameters = stored_parameters(file)
-            history = file.get("history", {})
-            self.history = {name: data[...] for name, data in history.items()}
-            self.history_units = {name: str(data.attrs.get("unit", ""))
-                                  for name, data in history.items()}
+            columns = file.get("history", {}).items()
+            self.history = {name: data[...] for name, data in columns}
+            self.history_units = {name: str(data.attrs.get("unit", "")) for name, data in columns}
             self.snapshots = [
                 Snapshot(self, name, dict(file["snapshots"][name].attrs), target)
                 for name, target in linked(file).items()]
@@ -220,7 +214,7 @@ class Snapshot:
     @property
     def label(self):
         """The progress of the run as a text, for example "5.0 % compression"."""
-        if "steady_residual" in getattr(self.result, "attributes", ()):
+        if "steady_residual" in self.result.attributes:
             return "steady flow"
         return str(self.attributes.get("label", ""))
 
@@ -274,17 +268,11 @@ class Snapshot:
         return tuple(not closed and bool(np.any(shift)) for closed, shift in zip(
             self.result.closed, self.period("coordinates")))
 
-    def continued(self, axes):
-        """Return the snapshot with its first nodes repeated at the end of the periodic ``axes``.
-
-        ``axes`` are two bool, for x1 and x2. The repeated nodes belong to the next period.
-        """
-        return _Continued(self, axes) if any(axes) else self
-
     @cached_property
     def whole(self):
         """The snapshot with the first nodes repeated in all periodic directions."""
-        return self.continued(tuple(map(np.logical_or, self.result.closed, self.open_ends)))
+        axes = tuple(map(np.logical_or, self.result.closed, self.open_ends))
+        return _Continued(self, axes) if any(axes) else self
 
     def strain_field(self, name):
         """Return one of `pgran.material.elasticity.strain_fields`, (ny, nx, ...).
@@ -295,12 +283,14 @@ class Snapshot:
             return self.stored(name)
         x, velocity, since_start = self.whole.x, self.whole.stored("velocity"), None
         if name in ("strain_tensor", "volume_change"):
-            since_start = self._gradient(x, self._initial_coordinates())
+            since_start = self._gradient(x, self.initial_coordinates)
         values = strain_fields(self._gradient(velocity, x), since_start)[name]
         found = self._at_nodes(values)
         return found if values.ndim == 2 else np.moveaxis(found, 0, -1)
 
-    def _initial_coordinates(self):
+    @property
+    def initial_coordinates(self):
+        """Coordinates of the nodes of a moving mesh at the start, with the repeated nodes, d."""
         case, shape = self.result.case, self.whole.x.shape[:2]
         if not case.moving:
             raise ResultError(self.result.path, "its mesh is fixed; the strain since the start is "
@@ -347,21 +337,18 @@ class Snapshot:
         """
         import pyvista
 
-        shown = self.continued(self.open_ends)
+        shown = _Continued(self, self.open_ends)
         elements = q2_elements(shown.x.shape[:2], self.result.closed)
         points = np.pad(shown.x.reshape(-1, 2), ((0, 0), (0, 1)))
-        grid = pyvista.UnstructuredGrid(
-            np.insert(elements, 0, NODES, axis=1).ravel(),
-            np.full(len(elements), pyvista.CellType.BIQUADRATIC_QUAD), points)
+        grid = pyvista.UnstructuredGrid({pyvista.CellType.BIQUADRATIC_QUAD: elements}, points)
         for name in names or self.names:
-            flat = shown[name].reshape(len(points), -1)
-            grid[name] = flat.ravel() if flat.shape[1] == 1 else (
-                np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1] == 2 else flat)
+            flat = shown[name].reshape(len(points), -1).squeeze()
+            grid[name] = np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1:] == (2,) else flat
         return grid
 
 
 class _Continued(Snapshot):
-    """A snapshot with repeated nodes, see `Snapshot.continued`."""
+    """A snapshot with its first nodes repeated at the end of periodic ``axes``, bool (x1, x2)."""
 
     def __init__(self, snapshot, axes):
         super().__init__(snapshot.result, snapshot.name, snapshot.attributes)

@@ -12,9 +12,6 @@ from .snapshots import ordered
 
 #: Prefix of the fields of the base flow of a mode.
 BASE = "base_"
-#: Root attributes that describe the end of a run.
-ENDING = {"state", "complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
-          "linear_iterations", "seconds", "memory", "ranks"}
 
 
 class Source(NamedTuple):
@@ -24,37 +21,6 @@ class Source(NamedTuple):
     run: str
     steps: int
     snapshots: int
-
-    def read(self, file, columns):
-        """Read an open result up to the checkpoint, and add its history to ``columns``.
-
-        Returns (name, time) of each snapshot, the `common_fields` of the snapshots, and the root
-        attributes except `ENDING`. Raises OSError if steps or snapshots are missing.
-        """
-        history, groups = file["history"], file["snapshots"]
-        if len(groups) < self.snapshots or any(
-                name not in history or len(history[name]) < self.steps for name in columns):
-            raise OSError(f"{self.path} does not hold the {self.steps} steps and {self.snapshots} "
-                          "snapshots before the checkpoint")
-        for name, column in columns.items():
-            column.extend(history[name][:self.steps].tolist())
-        attributes = {name: value for name, value in file.attrs.items()
-                      if name.removesuffix("_unit") not in ENDING}
-        snapshots, fields = [], None
-        for name in ordered(groups)[:self.snapshots]:
-            snapshots.append((name, float(groups[name].attrs["time"])))
-            fields = common_fields(fields, {
-                key: data.shape[2:] for key, data in groups[name].items()})
-        return snapshots, fields, attributes
-
-
-def common_fields(known, components):
-    """Return the fields except ``coordinates`` with one shape in ``known`` and in a snapshot.
-
-    Both are {name: shape of its components}; None accepts all fields of the snapshot.
-    """
-    return {name: size for name, size in components.items()
-            if name != "coordinates" and (known is None or known.get(name) == size)}
 
 
 def read_snapshot(parameters, form):
