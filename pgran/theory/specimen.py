@@ -51,7 +51,6 @@ import numpy as np
 from numpy.linalg import matrix_power
 from numpy.polynomial import Polynomial, chebyshev
 from scipy.linalg import expm
-from scipy.optimize import newton
 from scipy.sparse.csgraph import connected_components
 
 from . import check_relaxation_time, inverse_length_squared
@@ -246,6 +245,8 @@ class _Across:
 
     def exact_rate(self, start):
         """Root of response(r) = r, or None if it is not close to ``start``."""
+        from scipy.optimize import newton  # slow to import
+
         def excess(r):
             found = self.response(r) - r
             return found if start.imag else found.real
