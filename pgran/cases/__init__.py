@@ -255,11 +255,10 @@ class Case(ABC):
         return f"time {time:.4g}"
 
     def observe(self, flow):
-        """Return the `observables` of an accepted step, {name: number}. Collective.
+        """Return the `observables` of a `pgran.solve.driver.AcceptedStep`, {name: number}.
 
-        ``flow`` is a `pgran.solve.driver.AcceptedStep`. It has ``time``; ``reaction(side)``, the
-        force (2,) on a side; ``torque(side)``; ``extent(side)``, the lengths (2,) of a side along
-        x1 and x2; and ``mean_velocity(side)``, (2,).
+        ``flow`` has ``time``, ``reaction(side)`` (2,), ``torque(side)``, ``extent(side)`` (2,) and
+        ``mean_velocity(side)`` (2,). Collective.
         """
         return {}
 

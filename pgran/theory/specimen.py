@@ -56,7 +56,7 @@ from scipy.sparse.csgraph import connected_components
 from . import check_relaxation_time, inverse_length_squared
 
 MODELS = "ngf", "ngf_primitive", "li"
-#: Both faces are displaced in the same direction, or in opposite directions.
+#: The faces are displaced in the same direction, or in opposite directions.
 PARITIES = "sway", "barrel"
 #: Roots whose exponents over half a width differ by less than this form a block.
 CLOSE = 1.0
@@ -75,16 +75,13 @@ class Specimen:
     """
 
     law: object
-    #: One of `MODELS`.
     model: str
-    #: I0 of the homogeneous flow.
     inertial_number: float
     #: L and H, d.
     width: float
     height: float
     #: Number n of half waves over the height.
     half_waves: int = 1
-    #: One of `PARITIES`.
     parity: str = "sway"
     #: Non-local amplitude A.
     amplitude: float = 0.48
@@ -129,8 +126,7 @@ def growth_rate(law, model, **specimen):
     real part. Chebyshev collocation finds all of them, and the exact solution corrects the largest
     one. Without inertia, elastic stress also relaxes in arbitrarily short waves, at rates that
     accumulate at -(1 - mu) G/(mu P0); these rates are ignored. The result r, gdot0, is complex,
-    with a positive imaginary part, if the mode oscillates. ValueError if an argument is out of
-    bounds, or the specimen buckles elastically.
+    with a positive imaginary part, if the mode oscillates.
     """
     across = _Across(Specimen(law, model, **specimen))
     if not (across.density or across.softness or across.relaxation):
@@ -153,15 +149,14 @@ def growth_rate(law, model, **specimen):
 def column_growth_rate(law, model, **specimen):
     """Return the growth rate of the specimen as a creeping column that sways.
 
-    The arguments are attributes of `Specimen`; parity and shear modulus have no effect. The plates
-    press with N beyond the lateral stress, and E is the tangent viscosity of the axial stress::
+    The arguments are attributes of `Specimen`; parity and shear modulus have no effect. With the
+    load N beyond the lateral stress and the tangent viscosity E of the axial stress::
 
         phi rho_s L r^2 + E (L^3/12) k^4 r - N k^2 = 0,    N = (|sigma_2| - |sigma_1|) L = 2 mu P0 L
         E = 4 M P0^2/|sigma_1|,    M = I0 mu_loc'(I0) + A^2 d^2 (12/L^2 + k^2) + t0 r
 
-    In NGF a fluidity that varies across the width ends at faces without flux, in layers of
-    thickness A d/sqrt(mu). These layers add 12/L^2 to bending; LI has no such term. t0 delays
-    growth as inertia does. The result, the positive root r in gdot0, is accurate for H >= 3 L.
+    The layers of thickness A d/sqrt(mu) at the faces of NGF add 12/L^2 to bending; LI has no term
+    with A. The result, the positive root r in gdot0, is accurate for H >= 3 L.
     """
     p = Specimen(law, model, **specimen)
     P, L, k, M = 1.0 / (1.0 - p.mu), p.width, p.wave_number, p.inertial_number * p.slope
@@ -258,10 +253,9 @@ class _Across:
         return r if secant.converged and near else None
 
     def spectrum(self):
-        """Growth rates (m,) of a Chebyshev collocation, largest real part first.
+        """Growth rates (m,) of a collocation over half the width, largest real part first.
 
-        Of a complex pair only the rate with positive imaginary part is included. The collocation
-        covers half of the width, with polynomials of the parity of each field.
+        Of a complex pair only the rate with positive imaginary part is included.
         """
         layer = 1.0 if self.spread is None else np.sqrt(max(1.0, (1.0 + self.beta) / self.spread))
         count = 24 + int(self.half + 2.0 * np.sqrt(self.half * layer))

@@ -1,9 +1,8 @@
 """Linear stability of homogeneous flow in closed form (sections 3, 5 and appendix A of the paper).
 
-Wave vectors are dimensionless: A d k (NGF, LI) or sqrt(nu_I) d k (IG). So are growth rates:
-A^2 d^2 phi rho_s lambda/eta0 (NGF, LI) or nu_I d^2 phi rho_s lambda/eta0 (IG), unless a name says
-otherwise. Arrays of wave vectors have the shape (..., n) with n = 2 or 3. Inertial
-numbers broadcast against (...).
+Wave vectors are dimensionless, A d k (NGF, LI) or sqrt(nu_I) d k (IG), and so are growth rates,
+A^2 d^2 phi rho_s lambda/eta0 (NGF, LI) or nu_I d^2 phi rho_s lambda/eta0 (IG). Arrays of wave
+vectors have the shape (..., n) with n = 2 or 3. Inertial numbers broadcast against (...).
 
 An incompressible perturbation satisfies v.k = 0. On this subspace the tensor (3.16) is the sum of
 -|k|^2 and a symmetric tensor of rank one. The largest growth rate is therefore
@@ -11,9 +10,8 @@ An incompressible perturbation satisfies v.k = 0. On this subspace the tensor (3
     |k|^2 (2 r |P N k^|^2 / (1 - sqrt(2) q k^.N k^) - 1),     P = 1 - k^ k^.
 
 For a given m = k^.N k^ the numerator is largest in the plane of the extreme principal directions
-of N. In two and three dimensions every extremum over directions is thus an extremum of a quadratic
-in m. For NGF, r and q are linear in x = 1/(1 + nu xi^2 |k|^2), so the cut-off follows from a
-quadratic equation in x.
+of N, where every extremum over directions is an extremum of a quadratic in m. For NGF, r and q are
+linear in x = 1/(1 + nu xi^2 |k|^2), so the cut-off follows from a quadratic equation in x.
 """
 
 from dataclasses import dataclass
@@ -101,12 +99,12 @@ def flow_direction(gradient):
     where = f"base flow {gradient.tolist()}"
     if gradient.shape not in ((2, 2), (3, 3)) or not np.isfinite(gradient).all():
         raise ValueError(f"{where}: must be a 2 x 2 or 3 x 3 matrix")
-    size = np.abs(gradient).max()
-    if abs(np.trace(gradient)) > 1e-12 * size:
+    rounding = 1e-12 * np.abs(gradient).max()
+    if abs(np.trace(gradient)) > rounding:
         raise ValueError(f"{where}: its divergence is {np.trace(gradient):.3g}; must be 0")
     D = (gradient + gradient.T) / 2.0
-    norm = np.sqrt((D * D).sum())
-    if not norm > 1e-12 * size:
+    norm = np.linalg.norm(D)
+    if not norm > rounding:
         raise ValueError(f"{where}: it does not deform")
     return D / norm
 
@@ -127,8 +125,7 @@ def tensor(k, N, r, q, convection=0.0, gradient=None):
 
     ``k`` is (..., n) and ``N`` (n, n); ``r`` and ``q`` (...) are `Coefficients.r_q` at |k|^2. With
     ``gradient`` L0/gdot0 (n, n) the result is the tensor of (A 7), where ``convection`` is the
-    inverse of `viscous_rate`. The shapes are (..., n, n) and (...), with NaN where the denominator
-    vanishes.
+    inverse of `viscous_rate`. The tensor (..., n, n) is NaN where the denominator (...) vanishes.
     """
     k = np.asarray(k, dtype=float)
     square = (k * k).sum(axis=-1)
@@ -141,7 +138,6 @@ def tensor(k, N, r, q, convection=0.0, gradient=None):
     left = 2.0 * r[..., None] * (Nk - kNk[..., None] * ray)
     result = left[..., :, None] * Nk[..., None, :] - square[..., None, None] * np.eye(k.shape[-1])
     if gradient is not None:
-        gradient = np.asarray(gradient, dtype=float)
         result = result - convection * (
             gradient - 2.0 * ray[..., :, None] * (k @ gradient)[..., None, :])
     return result, denominator / square
@@ -260,11 +256,10 @@ def asymptotic_tensor(k, N, coefficients):
     return factor * left * np.swapaxes(Nk, -1, -2) - identity
 
 
-# Extrema over wave vectors (not for IG): m = k^.N k^ = centre + y lies between the extreme
-# principal values of N, whose half distance is ``reach``.
+# Extrema over wave vectors (not for IG), with m = k^.N k^ = centre + y and |y| <= reach
 
 def _extremes(N):
-    """Centre and half distance of the extreme principal values of N."""
+    """Centre and half distance (reach) of the extreme principal values of N."""
     values = np.linalg.eigvalsh(N)
     return (values[-1] + values[0]) / 2.0, (values[-1] - values[0]) / 2.0
 
@@ -324,9 +319,8 @@ def fastest(coefficients, N=PURE_SHEAR):
     """Return wave number, growth rate and m = k^.N k^ of the fastest-growing wave vector.
 
     Bisection finds where the largest growth over directions has no slope with respect to |k|^2.
-    Dynamic NGF satisfies lambda = ridge(|k|^2, T lambda), where ridge falls with T lambda, so the
-    slope at fixed T lambda is also zero at its maximum. NaN where all wave vectors are stable, and
-    for LI, whose growth is unbounded.
+    For dynamic NGF the slope at fixed T lambda is also zero there. NaN where all wave vectors are
+    stable, and for LI, whose growth is unbounded.
     """
     centre, reach = _extremes(N)
     top = np.asarray(cutoff(coefficients, N) + 0.0 * coefficients.relaxation)
@@ -347,8 +341,8 @@ def fastest(coefficients, N=PURE_SHEAR):
 def unstable_directions(coefficients, N=PURE_SHEAR):
     """Return the range (m_low, m_high) of k^.N k^ that is unstable for |k| -> 0.
 
-    The bounds are roots of 2 r (reach^2 - y^2) - 1 + sqrt(2) q (centre + y). They hold for LI at
-    any |k|, and the unstable directions of NGF lie between them. NaN where all waves are stable.
+    The bounds are roots of 2 r (reach^2 - y^2) - 1 + sqrt(2) q (centre + y), and NaN where all
+    waves are stable.
     """
     _refuse_ig(coefficients)
     centre, reach = _extremes(N)
@@ -361,19 +355,18 @@ def unstable_directions(coefficients, N=PURE_SHEAR):
 
 
 def directions(m, N):
-    """Return two unit wave vectors (2, n) with k^.N k^ = ``m`` between extreme principal axes."""
+    """Return two unit wave vectors (2, ..., n) with k^.N k^ = ``m`` in the extreme plane of N."""
     values, vectors = np.linalg.eigh(N)
-    share = np.clip((m - values[0]) / (values[-1] - values[0]), 0.0, 1.0)
+    share = np.clip((m - values[0]) / (values[-1] - values[0]), 0.0, 1.0)[..., None]
     along, across = np.sqrt(share) * vectors[:, -1], np.sqrt(1.0 - share) * vectors[:, 0]
     return np.array([along + across, along - across])
 
 
 def direction_angle(m, N):
     """Return the smaller angle (degrees, 0 to 90) between `directions` and the x1 axis."""
-    found = np.array([directions(value, N) for value in np.ravel(m)])
-    angles = np.degrees(np.arctan2(np.linalg.norm(found[..., 1:], axis=-1),
-                                   np.abs(found[..., 0])))
-    return angles.min(axis=-1).reshape(np.shape(m))
+    found = np.abs(directions(m, N))
+    across = np.linalg.norm(found[..., 1:], axis=-1)
+    return np.degrees(np.arctan2(across, found[..., 0])).min(axis=0)
 
 
 def critical_inertial_numbers(law, N=PURE_SHEAR):
