@@ -159,8 +159,8 @@ class Case(ABC):
     @property
     def closed(self):
         """Whether the grid is closed in space along i and along j, as in a ring."""
-        return tuple(wrap and bool((np.abs(shift) <= 1e-9).all())
-                     for wrap, shift in zip(self.periodic, self.period))
+        joined = (np.abs(self.period) <= 1e-9).all(axis=1)
+        return tuple((joined & self.periodic).tolist())
 
     @property
     def period(self):

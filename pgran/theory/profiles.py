@@ -27,8 +27,6 @@ POINTS, MORE, HALVINGS = 20, 6, 4
 LONGEST = 1.5
 #: Error of a profile over its maximum: aim, and largest value that is accepted.
 TOLERANCE, LARGEST = 1e-10, 1e-6
-#: Smallest speed over the speed of the wall.
-TINY = 1e-12
 
 
 class Panels:
@@ -67,9 +65,8 @@ class StressProfile:
     """Stress ratio ``mu`` and pressure ``P`` at positions (...), and boundaries of a flow.
 
     The sign of mu is the sign of the shear rate. ``ends`` are ends of panels, ``wall`` is the
-    fluidity at walls (natural, zero or local), and in a ``ring`` x is the radius. ``depth`` is the
-    height H of a flow with a free surface. The panels are then in u = sqrt(H - x): the surface is
-    the left end and the base is the right end.
+    fluidity at walls (natural, zero or local), and in a ``ring`` x is the radius. The panels of a
+    flow of height ``depth`` H with a free surface are in u = sqrt(H - x), from surface to base.
     """
 
     mu: object
@@ -157,7 +154,7 @@ class Rheology:
         def excess(position):
             flow = make(mu(position))
             v = self._solve(flow, POINTS)[2]
-            return np.log(max(v[0, 0] if flow.ring else v[-1, -1], TINY * speed) / speed)
+            return np.log(max((v[0, 0] if flow.ring else v[-1, -1]) / speed, 1e-12))
 
         low = high = 0.0
         while excess(low) > 0.0:

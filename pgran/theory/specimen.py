@@ -28,18 +28,10 @@ rate of the amplitude at material points, while the material shortens the wave. 
 move along the plates. If a solver holds a corner, r is the same without inertia; with inertia the
 corner couples the waves and changes r.
 
-The solutions are exponentials exp(+-sqrt(q) x1). With lengths in 1/k and m = 1/(1 + r eta0/G),
-the amplitudes of v1,1 and eta0 g' are 2 q and F/(m mu) with
-
-    W = m eta0 [(1 + eta0/G) q + 1 - eta0/G],       R+- = phi rho_s (r +- 1/2)
-    N = (q - 1) W - R- q - R+,                      F = 2 q (2 m eta0 - W + R-) + (1 + m mu) N
-
-where q are the three roots (two for LI) of
-
-    (1 + m beta) F - m mu (1/2 - m beta r eta0/G) N - 4 m^2 beta eta0 q
-        - [A^2 d^2 (q - 1) - t0 r] F/(A^2 d^2/xi^2) = 0,    beta = mu/(I0 mu_loc'(I0)) - 1
-
-and sigma_11 = 2 (W + R+), sigma_12 = -2 sqrt(q) W. The conditions at one face determine the
+The solutions are exponentials exp(+-sqrt(q) x1). With lengths in 1/k, R+ = phi rho_s (r + 1/2) and
+m = 1/(1 + r eta0/G), the amplitudes of v1,1, eta0 g', sigma_11 and sigma_12 are 2 q, F/(m mu),
+2 (W + R+) and -2 sqrt(q) W, where q are the three roots (two for LI) of the characteristic
+polynomial. `_Across.polynomials` defines it, W and F. The conditions at one face determine the
 weights of the roots.
 
 `column_growth_rate` is the long-wave limit, a creeping column. Units: d, |sigma_1| and 1/gdot0.
@@ -60,8 +52,6 @@ MODELS = "ngf", "ngf_primitive", "li"
 PARITIES = "sway", "barrel"
 #: Roots whose exponents over half a width differ by less than this form a block.
 CLOSE = 1.0
-#: Relative change of the growth rate in the last step of the secant method.
-ROUNDING = 1e-8
 #: Largest relative difference between the growth rates of secant method and collocation.
 TRUST = 0.01
 
@@ -188,7 +178,7 @@ class _Across:
         """W, W + R+, F/(m mu) and the characteristic polynomial in q."""
         q, m = Polynomial([0.0, 1.0]), 1.0 / (1.0 + self.softness * r)
         viscosity, local, beta = m * self.viscosity, m * self.mu, m * self.beta
-        above, below = self.density * (r + 0.5), self.density * (r - 0.5)
+        above, below = self.density * (r + 0.5), self.density * (r - 0.5)  # R+ and R-
         W = viscosity * ((1.0 + self.softness) * q + 1.0 - self.softness)
         N = (q - 1.0) * W - below * q - above
         F = 2.0 * q * (2.0 * viscosity - W + below) + (1.0 + local) * N
@@ -247,8 +237,8 @@ class _Across:
             return found if start.imag else found.real
 
         first = start if start.imag else start.real
-        r, secant = newton(excess, first, x1=first * (1.0 + 1e-5) + 1e-8, rtol=ROUNDING,
-                           tol=1e-12, full_output=True, disp=False)
+        r, secant = newton(excess, first, x1=first * (1.0 + 1e-5) + 1e-8, rtol=1e-8, tol=1e-12,
+                           full_output=True, disp=False)
         near = abs(r - start) <= TRUST * (1.0 + abs(start))
         return r if secant.converged and near else None
 

@@ -27,8 +27,6 @@ BASE_FLOWS = {"pure_shear": np.array([[0.5, 0.0], [0.0, -0.5]]),
               "simple_shear": np.array([[0.0, 1.0], [0.0, 0.0]])}
 #: Models with a linear theory.
 MODELS = "ngf", "ngf_primitive", "li", "ig"
-#: Iterations of `_ridge`, which converges quadratically, and bisections of `fastest`.
-ITERATIONS, BISECTIONS = 8, 42
 
 
 @dataclass(frozen=True)
@@ -308,7 +306,7 @@ def _ridge(square, coefficients, centre, reach):
     if coefficients.model != "ngf_primitive":
         return _steady_ridge(square, coefficients, centre, reach)
     rate = np.zeros_like(square)
-    for _ in range(ITERATIONS):  # the error of the direction changes the rate in second order only
+    for _ in range(8):  # converges quadratically: errors of the direction have second-order effects
         _, y = _steady_ridge(square, coefficients, centre, reach, coefficients.relaxation * rate)
         roots = _relaxing_roots(square, centre + y, reach**2 - y**2, coefficients)
         rate = np.maximum(*np.real(roots))
@@ -326,7 +324,7 @@ def fastest(coefficients, N=PURE_SHEAR):
     top = np.asarray(cutoff(coefficients, N) + 0.0 * coefficients.relaxation)
     low, high = np.zeros_like(top), np.where(np.isfinite(top), top, np.nan)**2
     unstable = np.isfinite(high) & (top > 0.0)
-    for _ in range(BISECTIONS):
+    for _ in range(42):
         middle = (low + high) / 2.0
         delay = coefficients.relaxation * _ridge(middle, coefficients, centre, reach)[0]
         with np.errstate(invalid="ignore"):  # the imaginary part of f(x + i h) is h f'(x)
