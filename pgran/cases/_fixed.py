@@ -118,15 +118,12 @@ class FixedMesh(Case):
                                         f"yield value {limit:.4g}: the material is static")
 
     def refuse_fast(self, name, value, largest, allowed):
-        """Raise `ParameterError` if the law has no steady flow at the stress ratio ``largest``.
-
-        ``allowed(limit)`` is the largest ``value`` of the option ``name`` at the limit of the law.
-        """
+        """Raise `ParameterError` if the law has no steady flow at the stress ratio ``largest``."""
         limit = self.law.limit
         if largest >= limit * (1.0 - ROUNDING):
             raise ParameterError(
                 name, f"{value:g}", f"there is no steady flow: mu = {largest:.4g} exceeds the "
-                f"limit {limit:.4g} of the law; must be less than {allowed(limit):.4g}, or use "
+                f"limit {limit:.4g} of the law; must be less than {allowed:.4g}, or use "
                 "another @law")
 
 

@@ -33,7 +33,7 @@ class InclinedPlane(_fixed.Layer):
         super().__init__(parameters)
         self._angle = np.radians(parameters.slope)
         self.refuse_fast("slope", parameters.slope, np.tan(self._angle),
-                         lambda limit: np.degrees(np.arctan(limit)))
+                         np.degrees(np.arctan(self.law.limit)))
 
     @property
     def why_at_rest(self):

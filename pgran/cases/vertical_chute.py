@@ -32,7 +32,7 @@ class VerticalChute(_fixed.FixedMesh):
         super().__init__(parameters)
         self._wall_ratio = 0.5 * parameters.gravity * parameters.width
         self.refuse_fast("gravity", parameters.gravity, self._wall_ratio,
-                         lambda limit: 2.0 * limit / parameters.width)
+                         2.0 * self.law.limit / parameters.width)
 
     @property
     def why_at_rest(self):

@@ -164,7 +164,7 @@ class _Across:
     def __init__(self, p):
         self.k, self.mu, self.viscosity = p.wave_number, p.mu, p.viscosity
         self.beta = p.mu / (p.inertial_number * p.slope) - 1.0
-        self.spread, self.relaxation = None, 0.0
+        self.spread = self.relaxation = 0.0  # of LI
         if p.model != "li":
             inverse = float(inverse_length_squared(p.law, np.asarray(p.mu))[0])
             self.spread = (p.amplitude * self.k)**2 / inverse  # xi^2 k^2
@@ -182,10 +182,9 @@ class _Across:
         W = viscosity * ((1.0 + self.softness) * q + 1.0 - self.softness)
         N = (q - 1.0) * W - below * q - above
         F = 2.0 * q * (2.0 * viscosity - W + below) + (1.0 + local) * N
-        characteristic = ((1.0 + beta) * F - local * (0.5 - beta * self.softness * r) * N
+        characteristic = ((1.0 + beta - self.spread * (q - 1.0) + self.relaxation * r) * F
+                          - local * (0.5 - beta * self.softness * r) * N
                           - 4.0 * beta * viscosity * q)
-        if self.spread is not None:
-            characteristic -= (self.spread * (q - 1.0) - self.relaxation * r) * F
         return W, W + above, F / local, characteristic
 
     def response(self, r):
@@ -219,7 +218,7 @@ class _Across:
             blocks.append([part[0] for part in (
                 2.0 * normal_K @ rate, -2.0 * W_K @ v1, F_K @ v1, 2.0 * v1)])
         face = np.concatenate(blocks, axis=1)  # sigma_11, sigma_12, eta0 g',1 and v1
-        conditions = face[:2] if self.spread is None else face[:3]
+        conditions = face[:len(roots)]
         columns = np.abs(conditions).max(axis=0)
         conditions = conditions / columns
         rows = np.abs(conditions).max(axis=1)
@@ -247,7 +246,7 @@ class _Across:
 
         Of a complex pair only the rate with positive imaginary part is included.
         """
-        layer = 1.0 if self.spread is None else np.sqrt(max(1.0, (1.0 + self.beta) / self.spread))
+        layer = np.sqrt(max(1.0, (1.0 + self.beta) / self.spread)) if self.spread else 1.0
         count = 24 + int(self.half + 2.0 * np.sqrt(self.half * layer))
         values = self._collocated(count, 0.0)
         rates = values - self._collocated(count, 1.0)
@@ -268,8 +267,8 @@ class _Across:
         # v2 = -v1,1. The last unknown is the displacement of the face.
         fields = v1, normal, shear, deviator, g = "v1", "normal", "shear", "deviator", "fluidity"
         columns, tables, total = {}, {}, 0
-        for name in fields if self.spread is not None else fields[:-1]:
-            size = count if name in (v1, deviator) else count + 1
+        for name in fields:
+            size = count + (name in (normal, shear) or name == g and self.spread > 0.0)
             even = self.sways == (name in (v1, shear))
             series = np.eye(2 * size)[:, (0 if even else 1)::2]
             tables[name] = [chebyshev.chebval(positions, chebyshev.chebder(series, m)).T / X**m
@@ -286,29 +285,24 @@ class _Across:
 
         # eta0 g_loc' = P'/2 + (beta/mu) (tau' - mu P'), and 2 eta0 D11 = mu eta0 g' + tau' - mu P'
         # + softness r tau'.
-        local = {(deviator, 0): 0.5 - self.beta + self.beta / mu, (normal, 0): self.beta - 0.5}
-        flow = {(v1, 1): 2.0 * eta, (deviator, 0): mu - 1.0 - softness * r, (normal, 0): -mu}
-        nonlocal_rows = []
-        if self.spread is None:
-            for term, coefficient in local.items():
-                flow[term] -= mu * coefficient
-        else:
-            flow[g, 0] = -mu
-            decay = self.spread + 1.0 + self.relaxation * r
-            nonlocal_rows = [equation(points, {(g, 2): self.spread, (g, 0): -decay, **local}),
-                             equation(face, {(g, 1): 1.0})]
-        return np.concatenate([
+        rows = [
             equation(points, {(normal, 1): 1.0, (shear, 0): 1.0,
                               (v1, 0): -self.density * (r + 0.5)}),
             equation(points, {(shear, 1): 1.0, (deviator, 0): 2.0, (normal, 0): -1.0,
                               (v1, 1): self.density * (r - 0.5)}),
             equation(points, {(v1, 2): -eta * (1.0 + softness), (v1, 0): eta * (softness - 1.0),
                               (shear, 0): -1.0 - softness * r}),
-            *nonlocal_rows,
-            equation(points, flow),
+            equation(points, {(deviator, 0): 0.5 - self.beta + self.beta / mu,
+                              (normal, 0): self.beta - 0.5, (g, 2): self.spread,
+                              (g, 0): -self.spread - 1.0 - self.relaxation * r}),
+            equation(points, {(v1, 1): 2.0 * eta, (deviator, 0): mu - 1.0 - softness * r,
+                              (normal, 0): -mu, (g, 0): -mu}),
             equation(face, {(normal, 0): 1.0}),
             equation(face, {(shear, 0): 1.0}, -2.0 * eta),
-            equation(face, {(v1, 0): 1.0}, 0.5 - r)])
+            equation(face, {(v1, 0): 1.0}, 0.5 - r)]
+        if self.spread:
+            rows.append(equation(face, {(g, 1): 1.0}))
+        return np.concatenate(rows)
 
 
 def _roots(polynomial):
