@@ -163,7 +163,7 @@ class Rheology:
             high += 3.0
             if high > 34.0:
                 raise ValueError("the law does not allow flow at this speed")
-        return float(mu(_root(excess, low, high)))
+        return mu(_root(excess, low, high))
 
     def _solve(self, flow, n):
         """Return `Panels` with ``n`` points per panel, and g and v (m, n) of a flow.
@@ -254,7 +254,7 @@ def _split(start, end, cuts=()):
 def _root(function, low, high):
     from scipy.optimize import brentq  # slow to import
 
-    return brentq(function, low, high, xtol=1e-15, rtol=4.0 * np.finfo(float).eps)
+    return brentq(function, low, high, xtol=1e-15)
 
 
 def planar_shear(law, model, A, I0, height, gravity=0.0, wall="natural"):
