@@ -206,30 +206,24 @@ def _relaxing_growth_rates(k, N, coefficients):
 
     The rates are NaN where e vanishes. In 3D a velocity normal to k and N k has the rate -|k|^2.
     """
+    mu, nu, S = coefficients.mu, coefficients.nu, coefficients.spread
     square = (k * k).sum(axis=-1)
     Nk = k @ N
     m = (k * Nk).sum(axis=-1) / square
-    height = np.maximum((Nk * Nk).sum(axis=-1) / square - m**2, 0.0)
-    values = _relaxing_roots(square, m, height, coefficients)
-    if k.shape[-1] == 3:
-        values = *values, np.where(np.isnan(values[0]), np.nan, -square)
-    values = np.stack(values, axis=-1)
-    values = np.take_along_axis(values, np.argsort(-values.real, axis=-1), axis=-1)
-    return values if np.nan_to_num(values.imag).any() else values.real
-
-
-def _relaxing_roots(square, m, height, coefficients):
-    """Both complex roots of this quadratic; ``height`` is |P N k^|^2."""
-    mu, nu, S = coefficients.mu, coefficients.nu, coefficients.spread
     e, f = 1.0 - ROOT_2 * mu * m, mu * nu * m / ROOT_2
     e = np.where(np.abs(e) <= 1e-12, np.nan, e)
-    drive = 2.0 * (1.0 - nu) * height
+    drive = 2.0 * (1.0 - nu) * np.maximum((Nk * Nk).sum(axis=-1) / square - m**2, 0.0)
     stored, steady = e * S * coefficients.relaxation, e * (1.0 + S * square) + f
     linear, constant = steady + stored * square, square * (steady - drive)
     root = np.sqrt((stored * square - steady)**2 + 4.0 * stored * square * drive + 0.0j)
     half = -(linear + np.where(linear < 0.0, -1.0, 1.0) * root) / 2.0
     with np.errstate(invalid="ignore"):  # NaN wave vectors, and e = 0
-        return constant / half, half / stored
+        values = constant / half, half / stored
+    if k.shape[-1] == 3:
+        values = *values, np.where(np.isnan(values[0]), np.nan, -square)
+    values = np.stack(values, axis=-1)
+    values = np.take_along_axis(values, np.argsort(-values.real, axis=-1), axis=-1)
+    return values if np.nan_to_num(values.imag).any() else values.real
 
 
 def pure_shear_growth(k1, k2, coefficients):
@@ -293,46 +287,33 @@ def cutoff(coefficients, N=PURE_SHEAR):
     return _within_limit(coefficients, N, np.where(unstable, size, 0.0))
 
 
-def _steady_ridge(square, coefficients, centre, reach, delay=0.0):
-    """Largest growth over directions at |k|^2 = ``square`` and its y; ``delay`` is T lambda."""
-    r, q = coefficients.r_q(square + delay)
+def _ridge(u, coefficients, centre, reach):
+    """Largest growth over directions, |k|^2 and y, where ``u`` = |k|^2 + T lambda."""
+    r, q = coefficients.r_q(u)
     p, e = ROOT_2 * q, 1.0 - ROOT_2 * q * centre
     root = e + np.sqrt(e**2 - (p * reach)**2)
-    return square * (4.0 * r * reach**2 / root - 1.0), p * reach**2 / root
-
-
-def _ridge(square, coefficients, centre, reach):
-    """`_steady_ridge`, also for dynamic NGF, whose direction depends on the growth rate."""
-    if coefficients.model != "ngf_primitive":
-        return _steady_ridge(square, coefficients, centre, reach)
-    rate = np.zeros_like(square)
-    for _ in range(8):  # converges quadratically: errors of the direction have second-order effects
-        _, y = _steady_ridge(square, coefficients, centre, reach, coefficients.relaxation * rate)
-        roots = _relaxing_roots(square, centre + y, reach**2 - y**2, coefficients)
-        rate = np.maximum(*np.real(roots))
-    return rate, y
+    growth = 4.0 * r * reach**2 / root - 1.0  # lambda/|k|^2
+    square = u / (1.0 + coefficients.relaxation * growth)
+    return square * growth, square, p * reach**2 / root
 
 
 def fastest(coefficients, N=PURE_SHEAR):
     """Return wave number, growth rate and m = k^.N k^ of the fastest-growing wave vector.
 
-    Bisection finds where the largest growth over directions has no slope with respect to |k|^2.
-    For dynamic NGF the slope at fixed T lambda is also zero there. NaN where all wave vectors are
-    stable, and for LI, whose growth is unbounded.
+    Bisection finds where the largest growth over directions has no slope. NaN where all wave
+    vectors are stable, and for LI, whose growth is unbounded.
     """
     centre, reach = _extremes(N)
     top = np.asarray(cutoff(coefficients, N) + 0.0 * coefficients.relaxation)
     low, high = np.zeros_like(top), np.where(np.isfinite(top), top, np.nan)**2
     unstable = np.isfinite(high) & (top > 0.0)
-    for _ in range(42):
+    for _ in range(52):
         middle = (low + high) / 2.0
-        delay = coefficients.relaxation * _ridge(middle, coefficients, centre, reach)[0]
         with np.errstate(invalid="ignore"):  # the imaginary part of f(x + i h) is h f'(x)
-            rising = _steady_ridge(middle + 1e-40j, coefficients, centre, reach,
-                                   delay)[0].imag > 0.0
+            rising = _ridge(middle + 1e-40j, coefficients, centre, reach)[0].imag > 0.0
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
-    square = np.where(unstable, (low + high) / 2.0, np.nan)
-    rate, y = _ridge(square, coefficients, centre, reach)
+    u = np.where(unstable, (low + high) / 2.0, np.nan)
+    rate, square, y = _ridge(u, coefficients, centre, reach)
     return np.sqrt(square), rate, centre + y
 
 
