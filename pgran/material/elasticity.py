@@ -1,7 +1,4 @@
-"""Time integration of the stiff Maxwell element, and strain measures; numpy only.
-
-Symmetric plane tensors are arrays (3, ...) of the components 11, 22 and 12.
-"""
+"""Stiff Maxwell element and strain; symmetric tensors (3, ...) have components 11, 22 and 12."""
 
 import numpy as np
 
