@@ -108,9 +108,7 @@ def test_short_waves_approach_the_asymptotic_tensor(model):
 
 
 def test_numbers_of_the_paper():
-    coefficients = Coefficients.of(LAWS["bingham"], "ngf", 0.001)
-    assert waves.cutoff(coefficients) == pytest.approx(0.1189, abs=5e-5)
-    k, rate, _ = waves.fastest(coefficients)
+    k, rate, _ = waves.fastest(Coefficients.of(LAWS["bingham"], "ngf", 0.001))
     assert (k, rate) == (pytest.approx(0.0837, abs=5e-5), pytest.approx(1.283e-4, rel=5e-4))
     for law in LAWS.values():
         coefficients = Coefficients.of(law, "ngf", 0.0)
@@ -124,22 +122,25 @@ def test_numbers_of_the_paper():
             == pytest.approx(39.3, abs=0.05)
 
 
-@pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("I0", [1e-4, 0.012])
-def test_cutoff_and_fastest_mode_are_extrema_over_wave_vectors(name, I0):
-    coefficients = Coefficients.of(LAWS[name], "ngf", I0)
-    k_cut, (size, rate, m) = waves.cutoff(coefficients), waves.fastest(coefficients)
-    angle = np.radians(np.linspace(0.0, 90.0, 7201))
+@pytest.mark.parametrize("t0", [None, 1e-12, 1e-4, 0.1, 1e4])
+@pytest.mark.parametrize("name, I0", [
+    ("bingham", 1e-4), ("bingham", 0.012), ("jop", 1e-3), ("jop", 0.012)])
+def test_cutoff_and_fastest_mode_are_extrema_over_wave_vectors(name, I0, t0):
+    coefficients = (primitive(LAWS[name], I0, t0)[0] if t0 else
+                    Coefficients.of(LAWS[name], "ngf", I0))
+    angle = np.radians(np.linspace(0.0, 90.0, 1801))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
-    def largest(square_root):
-        return waves.growth_rates(square_root * direction, PURE, coefficients).max()
+    def rates(k):
+        return waves.growth_rates(k, PURE, coefficients)[..., 0]
 
-    assert largest(k_cut * (1.0 - 1e-4)) > 0.0 > largest(k_cut * (1.0 + 1e-4))
-    assert largest(size) == pytest.approx(rate, rel=1e-5)
-    assert max(largest(size * other) for other in (0.99, 1.01)) < rate
-    best = angle[np.argmax(waves.growth_rates(size * direction, PURE, coefficients))]
-    assert np.degrees(best) == pytest.approx(waves.direction_angle(m, PURE), abs=0.02)
+    k_cut, (size, rate, m) = float(waves.cutoff(coefficients)), waves.fastest(coefficients)
+    assert rates(k_cut * (1.0 - 1e-4) * direction).max() > 0.0
+    assert rates(k_cut * (1.0 + 1e-4) * direction).max() < 0.0
+    sizes = np.append(np.geomspace(1e-5, 1.0, 100) * k_cut, size * np.linspace(0.98, 1.02, 21))
+    largest = rates(sizes[:, None, None] * direction).max()
+    assert rate * (1.0 - 1e-4) < largest <= rate * (1.0 + 1e-9)
+    np.testing.assert_allclose(rates(size * waves.directions(m, PURE)), rate, rtol=1e-9)
 
 
 def test_extrema_in_three_dimensions_lie_in_the_extreme_principal_plane():
@@ -211,7 +212,6 @@ def test_amplitude_in_three_dimensions_solves_the_equation_of_the_wave():
     (["-wave_vector", "1,1", "-amplification", "-end", "0"], "number > 0"),
     (["-cutoff", "-pgran_law", "jop", "-pgran_mu_2", "0.2"], "-pgran_mu_2 0.2: must exceed"),
     (["-cutoff", "-pgran_model", "ig"], "model ig: its growth rate is unbounded"),
-    (["-cutof"], "-cutof"),
     (["-json"], "-cutoff, -posedness or -specimen"),
     (["-cutoff", "-convection"], "-convection: "),
     (["-cutoff", "-pgran_law", "barker_gray"], "the law BarkerGray has no cooperativity length"),
@@ -242,7 +242,7 @@ def test_invalid_arguments_are_refused():
 def test_command_finds_cutoff_growth_and_specimen(output):
     found = output("-cutoff")
     assert found["k_cut"] == pytest.approx(0.1189, abs=1e-4)
-    assert found["fastest_growth_rate_gdot0"] == pytest.approx(355.4, abs=0.1)
+    assert found["fastest_growth_rate_gdot0"] == pytest.approx(355.374, rel=1e-5)
     assert found["fastest_angle"] == pytest.approx(39.3, abs=0.1)
     found = output("-wave_vector", "0.0648,0.0530")
     assert found["growth_rate"] == pytest.approx(1.283e-4, rel=1e-3)
@@ -283,20 +283,15 @@ def test_spread_agrees_with_appendix_b_down_to_zero_inertial_number():
 def test_fastest_direction_lies_in_the_plane_of_the_flow(plane, output):
     gradient = np.zeros((3, 3))
     gradient[plane[0], plane[0]], gradient[plane[1], plane[1]] = 0.5, -0.5
-    N = waves.flow_direction(gradient)
-    coefficients = Coefficients.of(LAWS["bingham"], "ngf", 1e-3)
-    size, rate, m = (float(part) for part in waves.fastest(coefficients, N))
-    both = waves.directions(m, N)
-    for direction in both:
-        assert np.linalg.norm(direction[list(plane)]) == pytest.approx(1.0)
-        assert waves.growth_rates(size * direction, N, coefficients)[0] == pytest.approx(rate)
+    found = output("-cutoff", "-base_flow", ",".join(map(str, gradient.ravel())))
+    both = np.array(found["fastest_directions"])
+    assert np.linalg.norm(both[:, plane], axis=1) == pytest.approx(1.0)
     angles = np.degrees(np.arccos(np.abs(both[:, 0])))
-    assert waves.direction_angle(m, N) == pytest.approx(angles.min(), abs=1e-6)
-    text = ",".join(str(number) for number in gradient.ravel())
-    found = output("-cutoff", "-base_flow", text)
-    expected = 90.0 if 0 not in plane else 39.268
-    assert found["fastest_angle"] == pytest.approx(expected, abs=1e-3)
-    np.testing.assert_allclose(np.abs(found["fastest_directions"]), np.abs(both), atol=1e-12)
+    assert found["fastest_angle"] == pytest.approx(angles.min(), abs=1e-6)
+    assert found["fastest_angle"] == pytest.approx(39.268 if 0 in plane else 90.0, abs=1e-3)
+    N, coefficients = waves.flow_direction(gradient), Coefficients.of(LAWS["bingham"], "ngf", 1e-3)
+    size, rate, _ = waves.fastest(coefficients, N)
+    assert waves.growth_rates(size * both, N, coefficients)[:, 0] == pytest.approx(rate)
 
 
 def test_convective_growth_is_given_for_all_and_for_incompressible_modes(output):
@@ -306,12 +301,10 @@ def test_convective_growth_is_given_for_all_and_for_incompressible_modes(output)
     number = 1.0 / float(waves.viscous_rate(coefficients.mu, 0.48, 0.6, 1.0))
     A, _ = waves.tensor(k, N, *coefficients.r_q(k @ k), number, gradient)
     n = np.array([k[1], -k[0]]) / np.linalg.norm(k)
-    full, reduced = np.linalg.eigvals(A).real.max(), n @ A @ n
-    assert abs(full - reduced) > 1e-3
     found = output("-wave_vector", "0.3,0.5", "-base_flow", "simple_shear", "-convection",
-                      "-pgran_law", "jop", "-pgran_inertial_number", "1")
-    assert found["growth_rate"] == pytest.approx(full, rel=1e-12)
-    assert found["growth_rate_incompressible"] == pytest.approx(reduced, rel=1e-12)
+                   "-pgran_law", "jop", "-pgran_inertial_number", "1")
+    assert found["growth_rate"] == pytest.approx(np.linalg.eigvals(A).real.max(), rel=1e-12)
+    assert found["growth_rate_incompressible"] == pytest.approx(n @ A @ n, rel=1e-12)
 
 
 def test_posedness_is_known_for_any_law(output):
@@ -400,25 +393,13 @@ def test_dynamic_growth_rates_agree_with_the_linearised_model(name, dimension):
 
 
 @pytest.mark.parametrize("name, I0", [("bingham", 1e-3), ("jop", 0.01)])
-def test_fastest_dynamic_wave_is_the_maximum_over_wave_vectors(name, I0):
-    angle = np.radians(np.linspace(0.0, 90.0, 1801))
-    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    for t0 in (1e-12, 1e-4, 0.1, 1e4):
-        coefficients, _ = primitive(LAWS[name], I0, t0)
-        size, rate, m = (float(part) for part in waves.fastest(coefficients))
-        best = size * waves.directions(m, PURE)
-        np.testing.assert_allclose(waves.growth_rates(best, PURE, coefficients)[:, 0], rate,
-                                   rtol=1e-9)
-        k_cut = float(waves.cutoff(coefficients))
-        sizes = np.concatenate([np.geomspace(1e-5, 1.0, 100) * k_cut,
-                                size * np.linspace(0.98, 1.02, 21)])
-        others = waves.growth_rates(sizes[:, None, None] * direction, PURE, coefficients)[..., 0]
-        assert rate * (1.0 - 1e-4) < others.max() <= rate * (1.0 + 1e-9)
-    # Inertial numbers and relaxation times broadcast against each other.
+def test_inertial_numbers_and_relaxation_times_broadcast(name, I0):
+    one, _ = primitive(LAWS[name], I0, 1e4)
     many = Coefficients.of(LAWS[name], "ngf_primitive", np.array([[I0], [0.1]]),
-                           np.array([1e2, coefficients.relaxation, 1e8]))
+                           np.array([1e2, one.relaxation, 1e8]))
     rates = waves.fastest(many)[1]
-    assert np.isnan(rates[1]).all() and rates[0, 1] == pytest.approx(rate, rel=1e-9)
+    assert np.isnan(rates[1]).all()
+    assert rates[0, 1] == pytest.approx(waves.fastest(one)[1], rel=1e-9)
 
 
 def test_command_knows_dynamic_ngf(output):
@@ -431,6 +412,5 @@ def test_command_knows_dynamic_ngf(output):
     assert all(found[key] == steady[key] for key in
                ("k_cut", "unstable_angles", "critical_inertial_numbers"))
     assert found["fastest_growth_rate_gdot0"] == pytest.approx(0.138652, rel=1e-5)
-    assert steady["fastest_growth_rate_gdot0"] == pytest.approx(355.374, rel=1e-5)
     p = parameters(model="ngf_primitive", relaxation_time=0.2, law="jop")
     assert Coefficients.of_run(p).relaxation == primitive(LAWS["jop"], 1e-3, 0.2)[0].relaxation

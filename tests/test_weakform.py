@@ -3,8 +3,6 @@
 All tests run on any number of ranks.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import plain
 import pytest
@@ -12,10 +10,7 @@ from conftest import at_rest, discretised, newton, noise
 from mpi4py import MPI
 
 from pgran.cases import Case, pressure, traction
-from pgran.material.models.ngf import NGF
-from pgran.options import positive
 from pgran.space.element import SHAPE
-from pgran.space.matrix import stored_values
 from pgran.space.points import secant
 from pgran.space.weakform import WeakForm
 
@@ -63,10 +58,11 @@ def product(form, matrix, local):
     return result.array.copy()
 
 
-def assert_jacobian_is_derivative(form, local, step, shift=7.0, size=1e-6):
+def assert_jacobian_is_derivative(form, local, step, rate=0.0, shift=7.0, size=1e-6):
     change, matrix = noise(form.grid, 11), form.create_matrix()
     form.jacobian(local, shift, step, matrix)
-    ends = [form.residual(local + h * change, h * shift * change, step) for h in (size, -size)]
+    ends = [form.residual(local + h * change, rate + h * shift * change, step)
+            for h in (size, -size)]
     difference = (ends[0] - ends[1]) / (2.0 * size)
     error, norm = (np.sqrt(COMM.allreduce(d @ d)) for d in
                    (difference - product(form, matrix, change), difference))
@@ -94,47 +90,17 @@ def test_jacobian_is_the_derivative_of_the_residual(case, model, law, regime, th
     assert_jacobian_is_derivative(form, local, step)
 
 
-class Submerged(Case):
-    """Material at rest under the same pressure on all deformed sides."""
-
-    shape = 3, 2
-
-    def tractions(self, time):
-        return {side: pressure(2.0) for side in ("left", "right", "bottom", "top")}
-
-    def coordinates(self, i, j):
-        return np.array([i * 0.5, j * 0.5])
-
-
-@dataclass(frozen=True)
-class Relaxing(NGF):
-    """A user-defined model: NGF with a storage term of the fluidity."""
-
-    A: float
-    relaxation_time: float
-
-    options = (*NGF.options, positive("relaxation_time", 3.0, "1/gdot0", "time of the fluidity"))
-
-    @property
-    def storage(self):
-        return {"fluidity": self.relaxation_time}
-
-
-def test_the_storage_term_of_a_model_enters_residual_and_jacobian():
-    form = discretised(model=f"{__file__}:Relaxing", inertial_number=0.1, **SHAPES["biaxial"])
-    steady = discretised(inertial_number=0.1, **SHAPES["biaxial"])
+def test_the_storage_term_is_the_integral_of_the_rate_times_the_relaxation_time():
+    form = discretised(model="ngf_primitive", relaxation_time=3, inertial_number=0.1,
+                       **SHAPES["biaxial"])
     grid = form.grid
     x, local = state(form, "flowing")
-    rate = np.zeros(grid.n_local)
-    grid.split(rate)[1][:] = 1.0 + x[0]
-    stored, without = (f.residual(local, rate, at_rest(f, x, 0.2)) for f in (form, steady))
-    # The sum over all nodes is the integral of the rate times the coefficient.
-    geometry = at_rest(form, x, 0.2).geometry
-    integral = (geometry.weight * (1.0 + SHAPE @ x[0][grid.element_nodes]))[
+    step, rate = at_rest(form, x, 0.2), grid.join(0.0, 1.0 + x[0], 0.0)
+    stored, without = (form.residual(local, factor * rate, step) for factor in (1.0, 0.0))
+    integral = (step.geometry.weight * (1.0 + SHAPE @ x[0][grid.element_nodes]))[
         :, grid.elements.owned].sum()
     assert COMM.allreduce((stored - without).sum()) == pytest.approx(
         3.0 * COMM.allreduce(integral), rel=1e-12)
-    assert_jacobian_is_derivative(form, local, at_rest(form, x, 0.2))
 
 
 @pytest.mark.parametrize("kind", ["nest", "blocked"])
@@ -164,12 +130,16 @@ def test_a_secant_reaches_the_root_of_a_parabola_and_tends_to_the_tangent():
     assert secant(slope, curvature, value) == pytest.approx(slope)  # no steeper than the tangent
 
 
-def test_scalars_other_than_real_doubles_are_refused(monkeypatch):
-    matrix = discretised(**SHAPES["biaxial"]).create_matrix()
-    monkeypatch.setattr("petsc4py.PETSc.ScalarType", np.complex128)
-    with pytest.raises(RuntimeError, match="complex128; pgran needs real scalars"):
-        with stored_values(matrix):
-            pass
+class Submerged(Case):
+    """Material at rest under the same pressure on all deformed sides."""
+
+    shape = 3, 2
+
+    def tractions(self, time):
+        return {side: pressure(2.0) for side in ("left", "right", "bottom", "top")}
+
+    def coordinates(self, i, j):
+        return np.array([i * 0.5, j * 0.5])
 
 
 class Pulled(Submerged):
