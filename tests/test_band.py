@@ -64,7 +64,7 @@ def test_angle_and_width_are_recovered(angles, width, deformed):
 @pytest.mark.parametrize("deformed", [False, True])
 @pytest.mark.parametrize("angle, centres", [
     (45.0, [(20.0, 20.0), (20.0, 54.0), (20.0, 88.0)]), (85.0, [(10.0, 54.0), (30.0, 54.0)])])
-def test_all_parallel_bands_are_measured(angle, centres, deformed):
+def test_each_of_parallel_bands_is_measured(angle, centres, deformed):
     x = specimen(deformed)
     found = band.band(x, sum(gaussian_band(x, angle, 7.0, centre) for centre in centres))
     assert found["localised"] and found["bands"] == len(centres) == len(found["each_band"])
@@ -84,8 +84,8 @@ def test_both_crossing_bands_are_measured(angle):
 
 
 def test_a_weaker_crossing_band_does_not_turn_the_angle():
-    x = PLAIN
-    found = band.band(x, gaussian_band(x, 51.0, 10.0) + 0.7 * gaussian_band(x, -51.0, 10.0))
+    found = band.band(PLAIN, gaussian_band(PLAIN, 51.0, 10.0)
+                      + 0.7 * gaussian_band(PLAIN, -51.0, 10.0))
     assert found["angle"] == pytest.approx(51.0, abs=0.5)
     assert found["width"] == pytest.approx(10.0, rel=0.04)
 

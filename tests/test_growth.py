@@ -36,7 +36,7 @@ def rates(*arguments, largest=1e-4, **options):
 
 def undisturbed():
     """Return the rates of the specimen of the options file at three steps."""
-    return rates("-dt", ",".join(map(str, STEPS)), largest=2e-5)
+    return rates("-dt", ",".join(map(str, STEPS)), largest=1e-5)
 
 
 def test_growth_rates_converge_with_the_step():
