@@ -43,8 +43,6 @@ def created(**given):
     return cases.create(parameters(**given))
 
 
-# Equations
-
 def disturbed(form, size=0.02):
     """Unknowns (n_local,) near the reference flow, and the increment of an elastic step there."""
     grid, case = form.grid, form.case
@@ -100,8 +98,6 @@ def test_convection_and_mean_velocity_include_the_base_flow():
                                    Streaming.base_gradient @ points.mean(axis=1), rtol=1e-12)
 
 
-# Where the pressure vanishes
-
 def test_the_inertial_number_has_a_value_where_the_pressure_vanishes():
     form = discretised(case="inclined_plane", law="jop", mu_2=6, **COARSE["inclined_plane"])
     local, increment = disturbed(form, 0.0)
@@ -127,7 +123,7 @@ def test_a_nan_in_a_field_is_written_and_reported_with_its_position(tmp_path, ca
     assert "snapshot 0000: speed is" in error_text and "x = (20, 10) d" in error_text
 
 
-# Profiles and analytical solutions
+# Profiles
 
 def test_li_on_a_slope_has_the_profile_of_bagnold():
     case = created(case="inclined_plane", model="li", law="jop", slope=24, height=12)
@@ -180,8 +176,6 @@ def test_stopping_heights_are_known(slope, height):
     assert profiles.stopping_height(law, 0.48, slope) == pytest.approx(height, abs=6e-4)
 
 
-# Loads
-
 @pytest.mark.parametrize("given, message", [
     ({"case": "inclined_plane", "slope": 15}, "the slope of 15 degrees has mu = 0.2679"),
     ({"case": "vertical_chute", "gravity": 0.03}, "gravity W/2, has mu = 0.3"),
@@ -203,8 +197,6 @@ def test_a_load_without_steady_flow_is_an_error(given, message):
         created(**given)
     assert message in str(error.value)
 
-
-# Finite elements and profiles
 
 def solved(**given):
     """The form, exact fields, and solved fields of steady flow: velocity, g, P at own nodes."""

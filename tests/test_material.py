@@ -114,8 +114,6 @@ def test_homogeneous_state_agrees_with_section_4():
         cases.create(parameters(inertial_number=1))
 
 
-# Dynamic NGF
-
 @pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
 def test_uniform_dynamic_flow_has_the_local_fluidity_and_the_linearised_source_of_ngf(law):
     I = np.geomspace(1e-6, 0.5, 30)
@@ -159,13 +157,6 @@ def test_zero_fluidity_is_a_dynamic_solution_at_every_stress(law):
     assert above.any() and (np.sign(response.source.fluidity) == np.where(above, -1.0, 1.0)).all()
 
 
-def test_relaxation_time_defaults_to_the_inertial_time_of_the_grains():
-    for given, time in (({}, 1e-3), ({"inertial_number": 0.03}, 0.03),
-                        ({"relaxation_time": 0.2}, 0.2)):
-        p = parameters(model="ngf_primitive", **given)
-        assert p.part("model").of(p).storage == {"fluidity": time}
-
-
 class Shorter(Bingham):
     """The Bingham law with half the cooperativity length."""
 
@@ -178,8 +169,6 @@ def test_a_length_that_changes_the_uniform_fluidity_is_refused():
         parameters(model="ngf_primitive", law=f"{__file__}:Shorter")
     parameters(model="ngf", law=f"{__file__}:Shorter")
 
-
-# The law of Barker and Gray, and ill-posedness
 
 @pytest.mark.parametrize("given, I_1, upper, A_minus, regularised", [
     ((0.342, 0.557, 0.069), 0.00397178, 0.280166, 15642.41, 16.9919),

@@ -26,7 +26,7 @@ def indices(level):
 
 
 def interpolated(coarse, fine, values):
-    """The interpolation to ``fine`` of ``values`` (n_owned,) of a coarse level."""
+    """Values (n_owned,) of a coarse level, interpolated to ``fine``."""
     vector, found = coarse.vector(), fine.vector()
     vector.setArray(values)
     coarse.interpolation(fine).mult(vector, found)
@@ -164,7 +164,6 @@ def test_the_coarsest_grid_follows_the_mean_element_size_and_has_a_maximum_size(
 @pytest.mark.parametrize("options, message", [
     (("-pgran_element_size", 8, "-fieldsplit_0_pc_mg_levels", 6),
      "-pc_mg_levels: too many levels; a grid of one element cannot be coarsened"),
-    (("-pgran_model", "li"), "fields 2: the fields of this model are 0 velocity, 1 pressure"),
     (("-pgran_coarse_correction", "true", "-dm_mat_type", "aij"),
      "-pgran_coarse_correction true: requires -dm_mat_type nest")])
 def test_unusable_options_of_multigrid_are_refused(tmp_path, options, message):
