@@ -61,15 +61,12 @@ def test_errors_do_not_reduce_steps_below_the_resolved_size():
     assert control.next(0.0, 0.015, 1e6) == pytest.approx(0.01)
 
 
-def test_a_step_reduced_for_a_target_is_followed_by_the_desired_step():
+def test_a_step_reduced_for_a_target_is_followed_by_the_desired_step_unless_it_failed():
     control = controller(targets=(0.012, 1.0), largest=0.01)
     assert control.start(0.0, 0.01) == pytest.approx(0.006)  # half of what is left
     assert control.next(0.006, 0.006, 0.1) == pytest.approx(0.006)
     assert control.land(0.012) == 0.012
     assert control.next(0.012, 0.006, 0.1) == pytest.approx(0.01)
-
-
-def test_a_reduced_step_that_failed_is_not_repeated():
     control = controller(largest=1.0, unresolved=1e-9)
     assert control.start(0.0, 0.8) == pytest.approx(0.5)
     assert control.next(0.03125, 0.03125, 0.1) == pytest.approx(0.9 * 0.03125)

@@ -59,11 +59,9 @@ def test_a_nonlinear_run_grows_at_the_rate_of_the_linearised_step(tmp_path, monk
     assert found == pytest.approx(expected * specimen.later((), time), rel=0.03)
 
 
-@pytest.mark.parametrize("arguments, message", [
-    (("-dt", "0"), "-dt 0: must be a list of numbers > 0"),
-    (("-without", "mesh"), "-without mesh: expected one or more of: faces, geometry")])
-def test_bad_input_gets_one_clear_error(arguments, message):
-    refused(run_ranks(0, "-m", "pgran.growth", *SMALL, *arguments, check=False, limit=60), message)
+def test_an_unknown_part_of_the_coupling_is_refused():
+    refused(run_ranks(0, "-m", "pgran.growth", *SMALL, "-without", "mesh", check=False, limit=60),
+            "-without mesh: expected one or more of: faces, geometry")
 
 
 def test_an_undisturbed_step_that_does_not_converge_is_an_error(monkeypatch):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import ROOT, at_rest, discretised, noise, parameters, pgran as run_pgran
+from conftest import ROOT, at_rest, discretised, noise, pgran as run_pgran
 from test_weakform import assert_jacobian_is_derivative
 
 import pgran
@@ -13,15 +13,9 @@ from pgran.solve.state import State, reference
 CELL = {"case": "periodic", "cell_elements": 2, "end_time": 0.05}
 
 
-def stress_ratio(law, I0):
-    """Return mu_loc(I0) of the default parameters."""
-    return float(parameters(law=law).part("law").of(parameters(law=law)).stress_ratio(I0)[0])
-
-
 def deviations(result):
     """Return the largest |mu - mu_loc(I0)| and |I/I0 - 1| of each snapshot."""
-    I0 = result.options["inertial_number"]
-    mu = stress_ratio(result.options["law"], I0)
+    I0, mu = result.options["inertial_number"], result.case.stress_ratio
     return [(np.abs(snapshot["stress_ratio"] - mu).max(),
              np.abs(snapshot["inertial_number"] / I0 - 1.0).max())
             for snapshot in result.snapshots]
@@ -47,7 +41,7 @@ def test_a_specimen_without_imperfection_keeps_the_local_stress_ratio(tmp_path):
     result = pgran.open(path)
     assert all(mu < 1e-6 for mu, _ in deviations(result))
     assert all(I < 1e-3 for _, I in deviations(result)[:3])
-    mu, history = stress_ratio("bingham", 1e-3), result.history
+    mu, history = result.case.stress_ratio, result.history
     start = np.argmax(history["compression"] > 0.0029)
     assert history["top_stress"][start] == pytest.approx(-(1 + mu) / (1 - mu), abs=1e-5)
     assert len(history["time"]) < 60  # steps must not become tiny
