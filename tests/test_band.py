@@ -174,13 +174,12 @@ def test_differences_between_meshes_have_the_order_of_convergence():
     ({"shear_modulus": 100}, "-pgran_shear_modulus (1000.0 and 100.0)")])
 def test_runs_are_compared_if_they_differ_only_by_meshes(changed, differing, tmp_path, capsys):
     paths = []
-    for n, options in ((10, {}), (20, dict(changed))):
-        x, attributes = specimen(False, n + 1, 3 * n + 1), {
-            "compression": options.pop("compression", 0.1)}
-        text = "".join(f"-pgran_{name} {value}\n"
-                       for name, value in {"element_size": 80 / n, **options}.items())
+    for n, more in ((10, {}), (20, changed)):
+        x, options = specimen(False, n + 1, 3 * n + 1), {"element_size": 80 / n, **more}
+        attributes = [{"compression": options.pop("compression", 0.1)}]
+        text = "".join(f"-pgran_{name} {value}\n" for name, value in options.items())
         paths.append(write_snapshots(tmp_path / f"{n}.h5", gaussian_band(x, 51.0, 20.0),
-                                     options=text, x=x, attributes=[attributes]))
+                                     options=text, x=x, attributes=attributes))
     assert measure.main(["-meshes", *paths, "-json"]) == int(bool(differing))
     text = capsys.readouterr()
     if differing:

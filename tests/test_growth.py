@@ -20,17 +20,14 @@ SMALL, STEPS = ("-pgran_element_size", 4), (5e-4, 2.5e-4, 1.25e-4)
 
 @functools.cache
 def rates(*arguments, largest=1e-4, **options):
-    """Return {dt: growth rates, (real, imaginary)} of ``pgran.growth``; cached.
-
-    ``largest`` bounds the residuals, which are 8e-5 at H = 240 d.
-    """
+    """Return {dt: growth rates, (real, imaginary)} of ``pgran.growth``; cached."""
     given = [text for name, value in options.items() for text in (f"-pgran_{name}", value)]
     done = run_ranks(0, "-m", "pgran.growth", "-options_file", ROOT / "options" / "growth.opts",
                      *SMALL, "-json", *given, *arguments)
     rows = json.loads(done.stdout)
     for row in rows:
         assert len(row["residuals"]) == len(row["growth_rates"]) > 0
-        assert all(0.0 < residual < largest for residual in row["residuals"])
+        assert all(0.0 < residual < largest for residual in row["residuals"])  # 8e-5 at H = 240 d
     return {row["dt"]: row["growth_rates"] for row in rows}
 
 

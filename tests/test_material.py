@@ -71,19 +71,17 @@ def test_derivatives_agree_with_differences(model, name, theta):
             ok &= np.abs(exact.stress_ratio - law.mu_s) > 1e-3
         if model != "li":
             ok &= np.isfinite(exact.source.value) & (exact.stress_ratio < 0.6)
-    gdot, P, g = gdot[ok], P[ok], g[ok]
-    exact = response(gdot, P, g)
-    assert gdot.size > 20
-    for quantity in ("viscosity", "source") if model != "li" else ("viscosity",):
-        for number, suffix in enumerate(("rate", "pressure", "fluidity")):
-            arguments = [np.array([gdot, P, g]) for _ in range(2)]
-            size = 1e-6 * arguments[0][number]
-            arguments[0][number] += size
-            arguments[1][number] -= size
-            high, low = (getattr(response(*a), quantity).value for a in arguments)
-            slope = getattr(getattr(exact, quantity), suffix) + 0.0 * gdot
+    point = np.array([gdot, P, g])[:, ok]
+    exact = response(*point)
+    assert point.shape[1] > 20
+    for number, suffix in enumerate(("rate", "pressure", "fluidity")):
+        step = 1e-6 * point * np.eye(3)[number][:, None]
+        high, low = response(*(point + step)), response(*(point - step))
+        for quantity in ("viscosity", "source") if model != "li" else ("viscosity",):
+            change = getattr(high, quantity).value - getattr(low, quantity).value
+            slope = getattr(getattr(exact, quantity), suffix) + 0.0 * change
             scale = np.abs(slope).max() + 1.0
-            np.testing.assert_allclose(slope / scale, (high - low) / (2.0 * size) / scale,
+            np.testing.assert_allclose(slope / scale, change / (2.0 * step[number]) / scale,
                                        atol=1e-6)
 
 

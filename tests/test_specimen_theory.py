@@ -3,6 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
+from scipy.optimize import bisect
 
 from pgran.material.laws.barker_gray import BarkerGray
 from pgran.material.laws.bingham import Bingham
@@ -127,15 +128,12 @@ def test_growth_rate_is_accurate_where_roots_of_the_characteristic_equation_coin
         across = specimen._Across(specimen.Specimen(BINGHAM, "ngf", 0.001, 40.0, height))
         return specimen._roots(across.polynomials(0.0)[-1])
 
-    low, high = 10.0, 25.0
-    for _ in range(60):
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if abs(roots(middle).imag).max() > 0.0 else (low, middle)
-    first, second, _ = sorted(roots(low), key=abs)
+    height = bisect(lambda H: 1.0 if abs(roots(H).imag).max() > 0.0 else -1.0, 10.0, 25.0,
+                    xtol=1e-14)
+    first, second, _ = sorted(roots(height), key=abs)
     assert abs(first - second) < 1e-6 * abs(first)
-    found = rate(height=low)
-    assert found == pytest.approx(exact(BINGHAM, "ngf", found, {**SPECIMEN, "height": low}).real,
-                                  rel=1e-9)
+    found, arguments = rate(height=height), {**SPECIMEN, "height": height}
+    assert found == pytest.approx(exact(BINGHAM, "ngf", found, arguments).real, rel=1e-9)
 
 
 def test_relaxation_time_inertia_and_elasticity_have_the_right_limits():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, parameters, run_ranks
 from scipy.integrate import solve_ivp
-from test_material import Shorter
+from test_material import NON_LOCAL as LAWS, Shorter
 
 from pgran import stability
 from pgran.material.laws.bingham import Bingham
@@ -15,7 +15,6 @@ from pgran.material.models.ngf_primitive import NGFPrimitive
 from pgran.theory import specimen, turning, waves
 from pgran.theory.waves import BASE_FLOWS, Coefficients
 
-LAWS = {"bingham": Bingham(0.3819, 0.9377), "jop": Jop(0.3819, 0.6435, 0.9377)}
 PURE = waves.flow_direction(BASE_FLOWS["pure_shear"])
 
 
@@ -63,13 +62,13 @@ def unreduced_growth(k, N, coefficients, xi_square, convection=0.0, gradient=0.0
     return np.linalg.eigvals(basis @ A @ basis.T)
 
 
-def test_pure_shear_form_is_the_tensor():
+@pytest.mark.parametrize("model", ["ngf", "li", "ig"])
+def test_pure_shear_form_is_the_tensor(model):
     k = np.random.default_rng(1).uniform(-0.3, 0.3, (50, 2))
-    for model in ("ngf", "li", "ig"):
-        coefficients = Coefficients.of(LAWS["jop"], model, 0.001)
-        np.testing.assert_allclose(
-            waves.pure_shear_growth(k[:, 0], k[:, 1], coefficients),
-            waves.growth_rates(k, PURE, coefficients)[:, 0], rtol=1e-9, atol=1e-14)
+    coefficients = Coefficients.of(LAWS["jop"], model, 0.001)
+    np.testing.assert_allclose(waves.pure_shear_growth(*k.T, coefficients),
+                               waves.growth_rates(k, PURE, coefficients)[:, 0],
+                               rtol=1e-9, atol=1e-14)
 
 
 @pytest.mark.parametrize("convective", [False, True])
@@ -99,12 +98,10 @@ def test_growth_rates_agree_with_the_unreduced_equations(model, name, dimension,
 
 @pytest.mark.parametrize("model", ["ngf", "li", "ig"])
 def test_short_waves_approach_the_asymptotic_tensor(model):
-    coefficients = Coefficients.of(LAWS["jop"], model, 0.01)
-    k = 1e5 * np.array([0.8, 0.5])
-    square = k @ k
-    A, _ = waves.tensor(k, PURE, *coefficients.r_q(square))
+    coefficients, k = Coefficients.of(LAWS["jop"], model, 0.01), 1e5 * np.array([0.8, 0.5])
+    A, _ = waves.tensor(k, PURE, *coefficients.r_q(k @ k))
     np.testing.assert_allclose(A, waves.asymptotic_tensor(k, PURE, coefficients),
-                               atol=1e-6 * square)
+                               atol=1e-6 * (k @ k))
 
 
 def test_numbers_of_the_paper():
@@ -329,22 +326,17 @@ def discrete_growth(k, N, law, I0, t0, phi=0.6, A=0.48):
     Unknowns v, P, g of a wave exp(i k.x), ``k`` (n,) in 1/d: lambda B u = C u. The derivatives of
     viscosity and source are differences of the response of the model near homogeneous flow.
     """
-    n, model = k.size, NGFPrimitive(A, t0)
-    P0 = 1.7
+    n, model, P0 = k.size, NGFPrimitive(A, t0), 1.7
     mu = law.stress_ratio(np.asarray(I0))[0]
-    base = np.array([1.0, P0, 1.0 / mu])
-    D0 = N / np.sqrt(2.0)
+    base, D0 = np.array([1.0, P0, 1.0 / mu]), N / np.sqrt(2.0)
 
     def response(gdot, P, g):
         found = model.response(law, np.sqrt(P / P0) / I0, np.asarray(gdot), P, g, 0.0)
         return np.array([found.viscosity.value, found.source.value])
 
     assert abs(response(*base)[1]) < 1e-12
-    slopes = np.empty((2, 3))
-    for number, size in enumerate(1e-5 * base):
-        step = size * np.eye(3)[number]
-        slopes[:, number] = (response(*base + step) - response(*base - step)) / (2.0 * size)
-
+    slopes = np.array([(response(*base + step) - response(*base - step)) / (2.0 * step.sum())
+                       for step in np.diag(1e-5 * base)]).T
     change = np.zeros((3, n + 2), dtype=complex)  # of gdot, P and g
     change[0, :n] = 2.0j * D0 @ k
     change[1, n] = change[2, n + 1] = 1.0
@@ -360,9 +352,8 @@ def discrete_growth(k, N, law, I0, t0, phi=0.6, A=0.48):
     C[n + 1] = -source
     C[n + 1, n + 1] -= A**2 * (k @ k)
     # Shift and invert: the two infinite eigenvalues become zeros.
-    shift = 1.0 / t0
-    inverse = np.linalg.eigvals(np.linalg.solve(C - shift * B, B))
-    values = shift + 1.0 / inverse[np.argsort(-np.abs(inverse))[:n]]
+    inverse = np.linalg.eigvals(np.linalg.solve(C - B / t0, B))
+    values = 1.0 / t0 + 1.0 / inverse[np.argsort(-np.abs(inverse))[:n]]
     return values[np.argsort(-values.real)]
 
 
