@@ -142,14 +142,14 @@ def test_spectrum_and_mode_about_a_flowing_specimen_do_not_depend_on_the_ranks(t
     assert found[0]["computed"] > 0.0 and all(row["residual"] < 1e-6 for row in found)
     for ranks in (0, 2):
         mode = tmp_path / f"mode{ranks}.h5"
-        run_ranks(ranks, *about, "-dt", 1e-4, "-eps_nev", 1, "-pgran_output", mode)
+        run_ranks(ranks, *about, "-dt", 5e-4, "-eps_nev", 1, "-pgran_output", mode)
         assert mode.with_suffix(".png").stat().st_size > 5000
         with h5py.File(mode) as file:
             rates.append(file.attrs["growth_rate"])
             fields.append(file["snapshots/0000/displacement"][...])
     assert rates[1] == pytest.approx(rates[0], rel=1e-3)
     one, two = fields
-    assert min(np.abs(two - one).max(), np.abs(two + one).max()) < 1e-4 * np.abs(one).max()
+    assert min(np.abs(two - one).max(), np.abs(two + one).max()) < 1e-3 * np.abs(one).max()
     refused(pgran(0, "direct.opts", tmp_path / "y.h5", *size, "-pgran_mode_file", mode,
                   check=False), "belongs to a deformed mesh")
 
