@@ -184,7 +184,7 @@ def run(parameters, args):
 
 def main(arguments):
     """Analyse the command line ``arguments``; return the exit code."""
-    return run_without_petsc(arguments, "stability", run, __doc__, OPTIONS, runs=True)
+    return run_without_petsc(arguments, "stability", run, __doc__, OPTIONS)
 
 
 if __name__ == "__main__":

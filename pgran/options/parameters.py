@@ -142,24 +142,11 @@ def table(parts):
 
 
 def read(texts, kinds, stored=False):
-    """Return the resolved `Parameters`.
+    """Return the resolved `Parameters` of {name: text}; names without the prefix are ignored.
 
-    Parameters
-    ----------
-    texts : dict
-        {name: text} of options. Names without the prefix ``pgran_`` are ignored.
-    kinds : iterable of Component
-        Case, law and model.
-    stored : bool
-        Whether the options were read from a result file. Then names of release 0.2 are accepted,
-        and options of other components are ignored.
-
-    Raises
-    ------
-    OptionError
-        If a name is unknown, or belongs to another case, law or model.
-    ParameterError
-        If a value is not allowed, or contradicts another one.
+    ``kinds`` are the `Component` of case, law and model. If the texts were ``stored`` in a result
+    file, names of release 0.2 are accepted, and options of other components are ignored. Otherwise
+    these raise `OptionError`, as unknown names do. Invalid values raise `ParameterError`.
     """
     texts = {name[len(PREFIX):]: text or "" for name, text in texts.items()
              if name.startswith(PREFIX)}

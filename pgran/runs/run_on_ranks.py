@@ -176,14 +176,8 @@ def run(path, options_file, *options, ranks=None, needed=True):
     """Run pgran unless the run is `done`; return the `pgran.output.result.Result`.
 
     A run that was stopped or killed resumes from its last checkpoint. See `attributes` for the
-    options and `pgran.runs.sweep.run` for the errors.
-
-    Parameters
-    ----------
-    ranks : int, optional
-        `RANKS` by default; 0 runs without mpiexec.
-    needed : bool
-        Whether a failure is an error; otherwise None is returned.
+    options and `pgran.runs.sweep.run` for the errors. ``ranks`` is `RANKS` by default; 0 runs
+    without mpiexec. A failure of a run that is not ``needed`` returns None.
     """
     words = pending(path, options_file, *options)
     if words is None:
