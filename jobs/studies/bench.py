@@ -1,11 +1,11 @@
 """Performance: cost of runs, steps and linear systems."""
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
 
 from pgran.output import band
-from pgran.runs import run_on_ranks
 
 from . import study
 from .study import result_file
@@ -53,7 +53,7 @@ def snapshots(name, *options, ranks=None):
 def step(ranks, snapshot, *options, states=None):
     """Return the cost of one step from a snapshot; see `studies.one_step`."""
     states = states or snapshots("states").path
-    return measure(ranks, "one_step", *run_on_ranks.QUIET, *options, "-from", states, "-snapshot",
+    return measure(ranks, "one_step", *study.QUIET, *options, "-from", states, "-snapshot",
                    snapshot)
 
 
@@ -223,9 +223,9 @@ def guard(*, options=()):
         yield "bytes per unknown", (2**20 * (large["memory_sum"] - small["memory_sum"])
                                     / (large["unknowns"] - small["unknowns"]))
         try:
-            found = measure(1, "compiled", *run_on_ranks.QUIET, *options, "-pgran_element_size", 1,
+            found = measure(1, "compiled", *study.QUIET, *options, "-pgran_element_size", 1,
                             "-from", path, "-snapshot", AFTER, "-dt", 2e-4)
-        except study.CommandError:  # without dolfinx
+        except subprocess.CalledProcessError:  # without dolfinx
             found = {}
         for name in ("jacobian", "residual", "newton"):
             yield (f"{name} over compiled code, elements of d, one rank",

@@ -32,8 +32,6 @@ GRACE = 10.0
 #: Variables of Open MPI that users set and that do not describe a running job.
 NETWORK = ("OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "PMIX_MCA_psec",
            "OMPI_MCA_hwloc_base_binding_policy", "OMPI_MCA_mpi_yield_when_idle")
-#: Options of runs that print only errors.
-QUIET = "-pgran_progress", "quiet"
 
 
 def command(ranks, *arguments):
