@@ -9,13 +9,11 @@ not converge.
 """
 
 import sys
+from dataclasses import replace
 
-from pgran.cli import command_option
+from .transfer import STEP, interpolated, main
 
-from .transfer import interpolated, main
-
-STEPS = command_option("dt", "floats", "time steps", (1e-3,), unit="1/gdot0", low=0.0,
-                       open_low=True)
+STEPS = replace(STEP, kind="floats", meaning="time steps", default=(1e-3,))
 
 
 def iterations(parameters, comm, path, number, steps):
