@@ -129,10 +129,9 @@ class Run:
                 self.stop(isinstance(error, Interrupted))
                 if isinstance(error, SolutionError):
                     raise
-                path = self.writer.path
                 cure = ("there is nothing to resume from: start it again"
                         if self.steady and not driver.started else
-                        f"resume with: <same command> @restart {path}")
+                        f"resume with: <same command> @restart {self.writer.path}")
                 raise Interrupted(f"stopped by {error} at {now()}; {cure}") from None
             if not driver.started and driver.state.time > (1.0 + 1e-9) * self.case.targets[-1]:
                 raise ParameterError(
@@ -189,8 +188,7 @@ class Run:
         then, step = self.last_checkpoint
         if self.source and not step:
             return True  # the result file may have another name than the source
-        every = self.parameters.checkpoint_steps
-        if every:
+        if every := self.parameters.checkpoint_steps:
             return self.writer.steps - step >= every
         return self.comm.bcast(
             time.monotonic() - then >= 60.0 * self.parameters.checkpoint_minutes)
@@ -216,27 +214,28 @@ class Run:
         """Write the last accepted state of a run that failed or was interrupted, and its status."""
         from .output.writer import FAILED, STOPPED
 
-        started, final = self.driver.started, self.steady or not interrupted
-        if final and not started:
+        last = self.steady or not interrupted
+        if last and not self.driver.started:
             return  # otherwise there is a checkpoint of the start
-        self.begin(tried=started)
-        if final:
+        self.store(last, repeat=interrupted)
+        self.writer.flush(state=STOPPED if interrupted else FAILED)
+
+    def store(self, snapshot, repeat=True):
+        """Write a checkpoint and, if requested, a ``snapshot`` of the last accepted step."""
+        self.begin(tried=self.driver.started)
+        if snapshot and self.driver.started:
             self.writer.snapshot(self.driver.state.time, self.driver.fields())
         if not self.steady:
-            self.checkpoint(repeat=interrupted)
-        self.writer.flush(state=STOPPED if interrupted else FAILED)
+            self.checkpoint(repeat)
 
     def finish(self):
         """Write the last data of a run, and report its end."""
         from .output.writer import COMPLETE, STOPPED
 
         driver, terminal = self.driver, self.terminal
-        self.begin()
         complete = driver.controller.finished
-        if driver.started and (self.steady or not complete):
-            self.writer.snapshot(driver.state.time, driver.fields())
-        if not self.steady:
-            self.checkpoint()
+        self.begin()
+        self.store(self.steady or not complete)
         memory = self.comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
         cost = {**driver.cost(), "seconds": self.seconds(), "memory": memory / 1024,
                 "ranks": self.comm.size}

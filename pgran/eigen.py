@@ -24,8 +24,8 @@ from pathlib import Path
 import numpy as np
 
 from . import cases
-from .cli import JSON, REPORTED_ERRORS, as_json, command_option, report_unused, start
-from .options import OptionError
+from .cli import JSON, REPORTED_ERRORS, as_json, report_unused, start
+from .options import OptionError, command_option
 
 OPTIONS = (
     command_option("wave_vector", "floats", "wave vector A d k; default: the fastest one",

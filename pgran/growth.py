@@ -12,8 +12,8 @@ growth rate and the rate of the creep-buckling column are printed too.
 
 import sys
 
-from .cli import JSON, as_json, command_option, report_unused, start
-from .options import OptionError, ParameterError
+from .cli import JSON, as_json, report_unused, start
+from .options import OptionError, ParameterError, command_option
 
 OPTIONS = (
     command_option("dt", "floats", "time steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True),

@@ -16,8 +16,8 @@ import sys
 
 import numpy as np
 
-from .cli import JSON, as_json, command_option, run_without_petsc
-from .options import OptionError
+from .cli import JSON, as_json, run_without_petsc
+from .options import OptionError, command_option
 from .theory import specimen, turning, waves
 from .theory.waves import BASE_FLOWS, Coefficients
 
@@ -118,12 +118,9 @@ def extremes(law, coefficients, N, rate, A):
     """Return cut-off, fastest wave vector, unstable directions and critical inertial numbers."""
     k_cut = waves.cutoff(coefficients, N)
     k, value, m = waves.fastest(coefficients, N)
-    return {"k_cut": k_cut,
-            "cutoff_wavelength": 2.0 * np.pi * A / k_cut if k_cut else np.inf,
-            "fastest_growth_rate": value,
-            "fastest_growth_rate_gdot0": value * rate,
-            "fastest_wave_number": k,
-            "fastest_angle": waves.direction_angle(m, N),
+    return {"k_cut": k_cut, "cutoff_wavelength": 2.0 * np.pi * A / k_cut if k_cut else np.inf,
+            "fastest_growth_rate": value, "fastest_growth_rate_gdot0": value * rate,
+            "fastest_wave_number": k, "fastest_angle": waves.direction_angle(m, N),
             "fastest_directions": waves.directions(m, N) if np.isfinite(m) else [],
             "unstable_angles": sorted(waves.direction_angle(direction, N) for direction in
                                       waves.unstable_directions(coefficients, N)),

@@ -10,8 +10,8 @@ import time
 
 import numpy as np
 
-from .cli import command_option, run_without_petsc
-from .options import OptionError, not_among
+from .cli import run_without_petsc
+from .options import OptionError, command_option, not_among
 from .output import progress
 from .output.files import is_running
 from .output.result import Result

@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 
-from pgran.cli import command_option, start
-from pgran.options import OptionError
+from pgran.cli import start
+from pgran.options import OptionError, command_option
 from pgran.output.reader import ResultError
 from pgran.output.result import Result
 from pgran.solve.state import State

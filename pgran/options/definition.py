@@ -17,8 +17,7 @@ class Option:
     Attributes
     ----------
     kind : str
-        float, int, bool, str, flag (a bool without a value), floats or ints (comma-separated
-        lists).
+        float, int, bool, str, flag (bool without a value), or a comma-separated list: floats, ints.
     default : object
         None if the option is unset or follows from other options.
     low, high : float

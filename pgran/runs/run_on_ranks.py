@@ -124,9 +124,8 @@ def attributes(path, options_file, options=()):
     """Return the root attributes of a result file if it was made with these options, else {}.
 
     All resolved options except `IGNORED` and all options of PETSc must be equal. The file must be
-    newer than the options file, than the files of user-defined classes, and than the result or mode
-    that the run starts from. The words ``options`` override the ``options_file``, which may be
-    None.
+    newer than the options file (or None), the files of user-defined classes, and the result or mode
+    that the run starts from.
     """
     parameters = requested_parameters(options_file, *options)
     if not holds(path, parameters):
@@ -143,10 +142,9 @@ def attributes(path, options_file, options=()):
     stored = {line[1:].partition(" ")[::2] for line in found["solver_options"].splitlines()}
     texts = combined_options(options_file, *options)
     # Release 0.2 stored only the options that were given.
-    for requested in (texts, {**default_solver(texts)[1], **texts}):
-        if stored == {item for item in requested.items() if not item[0].startswith(PREFIX)}:
-            return found
-    return {}
+    same = any(stored == {item for item in requested.items() if not item[0].startswith(PREFIX)}
+               for requested in (texts, {**default_solver(texts)[1], **texts}))
+    return found if same else {}
 
 
 def done(path, options_file, options=()):
