@@ -38,6 +38,15 @@ def eigenmode(path, elements, *options):
     return float(mode["growth_rate"]), written(mode["options"])
 
 
+def grow(mode, mode_options, output, end, *options):
+    """Run the nonlinear solver with inertia from a mode to the time ``end``, 1/gdot0."""
+    cell = [text for name in ("width", "height", "inertial_number", "cell_elements")
+            for text in (f"-{PREFIX}{name}", mode_options[PREFIX + name])]
+    study.run(output, "periodic", *cell, "-pgran_inertia", "true", "-pgran_imperfection", 1,
+              "-pgran_mode_file", mode, "-pgran_mode_amplitude", AMPLITUDE, "-pgran_step_first",
+              STEP, "-pgran_end_time", end, *options)
+
+
 def history(path):
     """Return I0, the times (n,) of the steps in 1/gdot0, and half the range of I over I0 (n,)."""
     result = Result(path)
@@ -74,15 +83,11 @@ def growth(directory="results/growth", *, options=()):
     mode, curves = directory / "mode.h5", []
     directory.mkdir(parents=True, exist_ok=True)
     rate, mode_options = eigenmode(mode, ELEMENTS, *options)
-    cell = [text for name in ("width", "height", "inertial_number", "cell_elements")
-            for text in (f"-{PREFIX}{name}", mode_options[PREFIX + name])]
 
     def rows():
         for name, end, more in RUNS:
             path = directory / f"{name}.h5"
-            study.run(path, "periodic", *cell, "-pgran_inertia", "true", "-pgran_imperfection", 1,
-                      "-pgran_mode_file", mode, "-pgran_mode_amplitude", AMPLITUDE,
-                      "-pgran_step_first", STEP, "-pgran_end_time", end, *options, *more)
+            grow(mode, mode_options, path, end, *options, *more)
             _, time, span = history(path)
             found, G = fitted(time, span), more[1]
             np.savetxt(directory / f"{name}.csv", np.stack([time, span], axis=1), delimiter=",",

@@ -24,14 +24,13 @@ def one_step(parameters, comm, path, number, dt):
     from pgran.solve.driver import Driver
     from pgran.space.weakform import discretise
 
-    begin, ranks = time.perf_counter(), comm.tompi4py()
+    begin, ranks, rows = time.perf_counter(), comm.tompi4py(), []
     form = discretise(parameters.replace(step_first=dt, step_error=1e10), comm)
     state = interpolated(form, path, number)
     driver = Driver(form, state, lambda *_: None, targets=[state.time + dt])
     events = {"jacobian": PETSc.Log.Event("TSJacobianEval"),
               "evaluation": PETSc.Log.Event("TSFunctionEval")}
     PETSc.Log.begin()
-    rows = []
 
     def monitor(snes, iteration, norm):
         spent = {name: event.getPerfInfo()["time"] for name, event in events.items()}

@@ -71,12 +71,10 @@ def interpolated(form, path, number):
         return np.einsum("ja,abc,ib->cji", second, values, first, optimize=True).reshape(
             values.shape[2], -1)
 
-    def q2(x):
-        return quadratic(x)[0]
-
     pressure = at(fields["pressure"][::2, ::2], grid.corners, 2, linear)[0]
-    x, velocity, deviator = (at(fields[name], grid.nodes, 1, q2)
-                             for name in ("coordinates", "velocity", "deviator"))
-    fluidity = np.maximum(at(fields["fluidity"], grid.nodes, 1, q2)[0], fields["fluidity"].min())
+    x, velocity, deviator, fluidity = (
+        at(fields[name], grid.nodes, 1, lambda points: quadratic(points)[0])
+        for name in ("coordinates", "velocity", "deviator", "fluidity"))
+    fluidity = np.maximum(fluidity[0], fields["fluidity"].min())
     return State(time, x, grid.join(velocity, fluidity, pressure),
                  SHAPE @ deviator[:, grid.element_nodes])
