@@ -68,7 +68,7 @@ def put(monkeypatch, module, **values):
 
 def test_a_result_is_done_only_with_the_requested_options(tiny):
     large = ROOT / "options" / "large.opts"
-    for more in ((), ("-pgran_output", "elsewhere.h5"), run_on_ranks.QUIET,
+    for more in ((), ("-pgran_output", "elsewhere.h5"), study.QUIET,
                  ("-pgran_width", "8.0", "-pgran_inertia", "no"), ("-snes_atol", "5e-4")):
         assert run_on_ranks.done(tiny, FILE, (*TINY, *more)), more
     for more in (("-pgran_shear_modulus", 100), ("-pgran_law", "jop"), ("-pgran_inertia", "true"),
@@ -140,7 +140,8 @@ def test_the_script_lists_and_explains_studies_and_rejects_wrong_arguments(capsy
 
 def test_all_runs_every_study_in_order_and_ends_with_the_worst_exit_code(monkeypatch):
     called = []
-    monkeypatch.setattr(__main__, "call", lambda name, rest: called.append(name) or len(called) % 2)
+    monkeypatch.setattr(__main__, "exit_code", lambda command, action, name, rest: called.append(
+        name) or len(called) % 2)
     assert __main__.main(["all"]) == 1 and called == list(__main__.STUDIES)
 
 
@@ -214,9 +215,9 @@ def test_interpolation_to_a_finer_mesh_is_exact_for_quadratic_fields(tmp_path):
 def test_the_cost_of_one_step_is_reported(tiny):
     found = json.loads(run_ranks(
         2, "-m", "studies.one_step", "-options_file", FILE, *SMALL, "-pgran_element_size", 1,
-        "-from", tiny, "-dt", 1e-4, "-name", "x").stdout)
+        "-from", tiny, "-dt", 1e-4).stdout)
     norms = [row["residual"] for row in found["newton"]]
-    assert found["name"] == "x" and found["ranks"] == 2 and norms[-1] < min(1e-4, norms[0])
+    assert found["ranks"] == 2 and norms[-1] < min(1e-4, norms[0])
     for row in found["newton"]:
         assert row["iterations"] > 0 and 0.0 < row["jacobian"] + row["evaluation"] < row["seconds"]
 
