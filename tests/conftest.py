@@ -67,19 +67,18 @@ class ForkServer:
 
     def run(self, module, *arguments, folder=ROOT, limit=LIMIT):
         """Run a command in ``folder``; return the finished process."""
-        with tempfile.TemporaryDirectory() as files:
-            output, errors = (Path(files) / name for name in ("output", "errors"))
+        limit *= self.slowness
+        with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
             self.process.stdin.write(json.dumps({
                 "module": module, "arguments": list(map(str, arguments)), "folder": str(folder),
-                "environment": run_on_ranks.command(0)[1], "output": str(output),
-                "errors": str(errors), "limit": limit * self.slowness}) + "\n")
+                "environment": run_on_ranks.command(0)[1], "output": output.name,
+                "errors": errors.name, "limit": limit}) + "\n")
             self.process.stdin.flush()
-            code = json.loads(self.process.stdout.readline())["code"]
-            command = ["python", "-m", module, *map(str, arguments)]
-            texts = [path.read_text() for path in (output, errors)]
-        if code is None:
-            raise subprocess.TimeoutExpired(command, limit * self.slowness, *texts)
-        return subprocess.CompletedProcess(command, code, *texts)
+            code = int(self.process.stdout.readline())
+            done = subprocess.CompletedProcess([module, *arguments], code, output.read(),
+                                               errors.read())
+        assert code != -signal.SIGALRM, f"{done} did not end within {limit:.0f} s"
+        return done
 
 
 @functools.cache
@@ -119,10 +118,23 @@ def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
     return done
 
 
+def start(ranks, *arguments, **more):
+    """Start ``python arguments`` on ranks in the background; return the process."""
+    line, environment = run_on_ranks.command(ranks, *arguments)
+    return subprocess.Popen(line, **{"env": environment, "cwd": ROOT, "text": True,
+                                     "stderr": subprocess.PIPE, **more})
+
+
 def pgran(ranks, options_file, output, *arguments, **more):
     """Run ``python -m pgran`` with an options file and options."""
     return run_ranks(ranks, "-m", "pgran", "-options_file", ROOT / "options" / options_file,
                      "-pgran_output", output, *arguments, **more)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Return the path of a result that a test writes."""
+    return tmp_path / "run.h5"
 
 
 @pytest.fixture(scope="session")
