@@ -17,31 +17,25 @@ def refused(monkeypatch, folder):
     def check(module, arguments, message, **environment):
         for name, value in environment.items():
             monkeypatch.setenv(name, value)
-        before = sorted(path.name for path in folder.iterdir()), (folder / "keep.h5").read_bytes()
+        before = sorted(folder.iterdir()), (folder / "keep.h5").read_bytes()
         done = fork_server().run(f"pgran.{module}", *arguments, folder=folder, limit=10)
         errors = done.stderr
         assert done.returncode == 1, (done, message)
         assert message in errors and (errors.count("error: ") == 1 or not message), errors
         assert "Traceback" not in errors and "PETSC ERROR" not in errors, errors
-        assert before == (sorted(path.name for path in folder.iterdir()),
-                          (folder / "keep.h5").read_bytes())
+        assert before == (sorted(folder.iterdir()), (folder / "keep.h5").read_bytes())
 
     return check
 
 
-def result(path, coordinates=(5, 5, 2), I=(5, 5), dtype="f8", text="-pgran_width 8\n",
-           **attributes):
+def result(path, x=(5, 5, 2), I=(5, 5), dtype="f8", **attributes):
     """Make a file that resembles a result."""
     with h5py.File(path, "w") as file:
-        if text is not None:
-            file.attrs["options"] = text
-        for name, value in attributes.items():
-            file.attrs[name] = value
+        file.attrs.update(attributes)
         group = file.create_group("snapshots/0000")
         group.attrs["label"] = "now"
-        if coordinates:
-            y, x = np.mgrid[:coordinates[0], :coordinates[1]].astype(float)
-            group["coordinates"] = np.stack([x, y, x][:coordinates[2]], axis=-1)
+        if x:
+            group["coordinates"] = np.stack(np.indices(x[:2], float)[::-1][:x[2]], axis=-1)
         group.create_dataset("inertial_number", data=np.ones(I, dtype=dtype))
 
 
@@ -63,7 +57,7 @@ def folder(tmp_path_factory):
     (folder / "home").mkdir()
     for name, text in TEXTS.items():
         (folder / name).write_text(text)
-    result(folder / "keep.h5", run="one", text="-pgran_width 8\n-pgran_element_size 8\n"
+    result(folder / "keep.h5", run="one", options="-pgran_width 8\n-pgran_element_size 8\n"
            "-pgran_height 24\n")
     complete = (folder / "keep.h5").read_bytes()
     (folder / "truncated.h5").write_bytes(complete[:len(complete) // 2])
@@ -74,10 +68,11 @@ def folder(tmp_path_factory):
     with h5py.File(folder / "nothing.h5", "w") as file:
         file.create_group("snapshots")
         file.attrs["options"] = ""
-    for name, more in {"flat": {"coordinates": (5, 5, 1)}, "lost": {"coordinates": None},
-                       "odd": {"I": (4, 5)}, "words": {"dtype": "S3"}, "untold": {"text": None},
-                       "strange": {"text": "-pgran_mu_s many\n-pgran_nosuch 1\n"},
-                       "mute": {"text": "neither this nor that\nx\n"}}.items():
+    small = {"options": "-pgran_width 8\n"}
+    for name, more in {"flat": {"x": (5, 5, 1), **small}, "lost": {"x": None, **small},
+                       "odd": {"I": (4, 5), **small}, "words": {"dtype": "S3", **small},
+                       "untold": {}, "strange": {"options": "-pgran_mu_s many\n-pgran_nosuch 1\n"},
+                       "mute": {"options": "neither this nor that\nx\n"}}.items():
         result(folder / f"{name}.h5", **more)
     os.mkfifo(folder / "pipe.h5")
     (folder / "folder.h5").mkdir()
@@ -160,6 +155,7 @@ COMMANDS = {
     "eigen -pgran_output pipe.h5 -pgran_cell_elements 2": "not a regular file",
     "stability -cutoff -pgran_A 1e300": "floating-point error",
     "growth -dt inf": "-dt inf: must be",
+    "growth -pgran_element_size 8 -mode /proc/m.h5": "-mode /proc/m.h5: ",
     "growth -dt 1e3 -pgran_element_size 8": "(-dt)", "growth -dt 1e-3,1e-3": "-dt 0.001,0.001: ",
     "measure": "", "measure nosuch.h5": "nosuch.h5",
     **{f"measure {kind}.h5": f"{kind}.h5: " for kind in (
