@@ -22,11 +22,6 @@ def test_figures_of_the_theory_are_drawn_with_their_numbers(tmp_path, capsys):
         assert file["k_cut"].shape == (200, 200)
 
 
-def test_unknown_figures_are_refused(capsys):
-    assert figures.main(["fig99"]) == 1
-    assert "unknown figure fig99; expected one of: fig1, fig2" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("name, model, compression", [("fig6", "ngf", 0.1), ("fig7", "li", 0.01)])
 def test_a_figure_of_simulations_shows_the_runs_that_exist(tmp_path, capsys, name, model,
                                                            compression):

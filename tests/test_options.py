@@ -127,7 +127,7 @@ def test_the_default_solver_suits_the_flow():
 
 def test_help_lists_the_options_of_case_law_and_model():
     given = "-pgran_case", "periodic", "-pgran_law", "jop", "-pgran_model", "li"
-    text = run_ranks(0, "-m", "pgran", *given, "-help", "all", limit=60).stdout
+    text = run_ranks(0, "-m", "pgran", *given, "-help", "all").stdout
     found = parameters(case="periodic", law="jop", model="li").options
     assert options.help_text(found) in text
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, allowed, discretised, parameters, run_ranks
+from conftest import ROOT, discretised, parameters, run_ranks
 
 from pgran.options import OptionError, SolutionError
 from pgran.runs import run_on_ranks
@@ -27,6 +27,7 @@ from studies import (
     spectra,
     stopping,
     study,
+    transfer,
 )
 
 FILE = "options/biaxial.opts"
@@ -107,7 +108,6 @@ def test_the_environment_determines_how_runs_start(monkeypatch, launcher, ranks,
     command, environment = run_on_ranks.command(ranks, "-m", "pgran", "-pgran_width", 8)
     assert command == [*expected, "python9", "-m", "pgran", "-pgran_width", "8"]
     assert ("OMPI_COMM_WORLD_RANK" in environment) == bool(launcher)
-    assert environment["PYTHONPATH"].split(os.pathsep)[0] == str(ROOT)
 
 
 def test_a_run_beyond_its_time_limit_ends_with_all_ranks(tmp_path):
@@ -115,7 +115,7 @@ def test_a_run_beyond_its_time_limit_ends_with_all_ranks(tmp_path):
     code = (f"import os, time; open({str(path)!r}, 'a').write(f'{{os.getpid()}}\\n'); "
             "time.sleep(600)")
     with pytest.raises(subprocess.TimeoutExpired):
-        run_on_ranks.python(2, "-c", code, timeout=allowed(3), stderr=subprocess.DEVNULL)
+        run_on_ranks.python(2, "-c", code, timeout=10, stderr=subprocess.DEVNULL)
     states = [Path(f"/proc/{pid}/stat") for pid in path.read_text().split()]
     assert len(states) == 2  # they are gone, or wait to be reaped
     assert all(not state.exists() or ") Z " in state.read_text() for state in states)
@@ -136,20 +136,6 @@ def test_the_script_lists_and_explains_studies_and_rejects_wrong_arguments(capsy
                            (["verify", "-pgran_widht", "3"], "did you mean -pgran_width")):
         assert __main__.main(words) == 1
         assert message in capsys.readouterr().err
-
-
-def test_all_runs_every_study_in_order_and_ends_with_the_worst_exit_code(monkeypatch):
-    called = []
-    monkeypatch.setattr(__main__, "call", lambda name, rest: called.append(name) or len(called) % 2)
-    assert __main__.main(["all"]) == 1 and called == list(__main__.STUDIES)
-
-
-def test_loading_a_study_starts_neither_mpi_nor_matplotlib():
-    code = ("import sys; from studies import __main__\n"
-            "for name in __main__.STUDIES: __main__.load(name)\n"
-            "print([name for name in ('petsc4py.PETSc', 'mpi4py.MPI', 'matplotlib') "
-            "if name in sys.modules])")
-    assert run_ranks(0, "-c", code).stdout.strip() == "[]"
 
 
 def test_a_table_is_stored_with_all_digits_and_written_to_the_docs_with_a_stamp(tmp_path, docs):
@@ -180,8 +166,6 @@ def test_growth_rates_are_fitted_and_extrapolated():
 
 
 def test_interpolation_to_a_finer_mesh_is_exact_for_quadratic_fields(tmp_path):
-    from studies.transfer import interpolated
-
     def fields(x1, x2):
         q = 1.0 + x1 - x2 / 3.0 + (x1 * x2 - x1**2 * x2 + x1**2 * x2**2) / 50.0
         return {"coordinates": np.stack([x1 + 0.01 * x1 * x2, x2 - 0.02 * x2**2], axis=-1),
@@ -196,16 +180,16 @@ def test_interpolation_to_a_finer_mesh_is_exact_for_quadratic_fields(tmp_path):
         for name, value in fields(*np.meshgrid(np.arange(5) * 2.0, np.arange(9) * 2.0)).items():
             group[name] = value
     form = discretised(width=8, height=16, element_size=1, imperfection=1)
-    state, nodes, corners = interpolated(form, path, 0), form.grid.nodes, form.grid.corners
-    expected = fields(nodes.i / 2.0, nodes.j / 2.0)
-    pressure = fields(1.0 * corners.i, 1.0 * corners.j)["pressure"]
-    for found, exact in zip((state.x, *form.grid.split(state.local)), (
-            expected["coordinates"], expected["velocity"], expected["fluidity"], pressure)):
-        np.testing.assert_allclose(found.T, exact, rtol=1e-12, atol=1e-12)
-    for width, file, message in ((5, path, "2 x 4 elements are not divided by the 5 x 8"),
-                                 (8, None, "-from"), (8, tmp_path / "none.h5", "-from")):
-        with pytest.raises(OptionError, match=message):
-            interpolated(discretised(width=width, height=8, element_size=1), file, 0)
+    state, nodes, corners = transfer.interpolated(form, path, 0), form.grid.nodes, form.grid.corners
+    expected = {**fields(nodes.i / 2.0, nodes.j / 2.0),
+                "pressure": fields(1.0 * corners.i, 1.0 * corners.j)["pressure"]}
+    for name, found in zip(("coordinates", "velocity", "fluidity", "pressure"),
+                           (state.x, *form.grid.split(state.local))):
+        np.testing.assert_allclose(found.T, expected[name], rtol=1e-12, atol=1e-12)
+    with pytest.raises(OptionError, match="2 x 4 elements are not divided by the 5 x 8"):
+        transfer.interpolated(discretised(width=5, height=8, element_size=1), path, 0)
+    with pytest.raises(OptionError, match="-from"):
+        transfer.interpolated(form, tmp_path / "none.h5", 0)
 
 
 # Studies at tiny size

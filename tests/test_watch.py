@@ -4,12 +4,11 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
 
 import h5py
 import numpy as np
 import pytest
-from conftest import allowed, pgran as run_pgran
+from conftest import pgran as run_pgran, run_ranks
 
 from pgran import watch
 from pgran.output import files, progress
@@ -56,8 +55,7 @@ def changed(path, copy, **attributes):
 def ended():
     """The identifier of a process that has ended."""
     code = "import pgran.output.files as f; print(f.process_identity())"
-    return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True,
-                          text=True).stdout.strip()
+    return run_ranks(0, "-c", code).stdout.strip()
 
 
 @pytest.mark.parametrize("attributes, words", [
@@ -73,11 +71,9 @@ def test_the_monitor_ends_with_the_run(path, tmp_path, capsys, attributes, words
     assert words in capsys.readouterr().out
 
 
-def test_only_processes_of_this_machine_are_known_to_have_ended(path, tmp_path, ended):
+def test_only_processes_of_this_machine_are_known_to_have_ended(ended):
     found = map(files.is_running, (ended, files.process_identity(), "another/1 12 345", ""))
     assert list(found) == [False, True, None, None]
-    result = Result(changed(path, tmp_path / "run.h5", state="running", process="another/1 2 3"))
-    assert not watch.ending(result, 1000.0)
 
 
 def test_the_monitor_shows_the_last_step(path, tmp_path, capsys):
@@ -101,4 +97,4 @@ def test_a_run_draws_pictures_stores_its_end_and_prints_the_next_commands(path, 
     assert [command.split(" ", 1)[1] for command in commands[:2]] == [
         f"-m pgran.plot {output}", f"-m pgran.measure {output}"]
     for command in commands:
-        subprocess.run(shlex.split(command), check=True, timeout=allowed(60), capture_output=True)
+        subprocess.run(shlex.split(command), check=True, capture_output=True)
