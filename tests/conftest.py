@@ -108,8 +108,14 @@ def start(ranks, *arguments, **more):
                                      "stderr": subprocess.PIPE, **more})
 
 
-def pgran(ranks, options_file, output, *arguments, patch="", **more):
-    """Run ``python -m pgran`` with an options file and options, after the statements ``patch``."""
+def pgran(ranks, options_file, output, *arguments, patch="", limit=LIMIT, check=True, **options):
+    """Run ``python -m pgran`` with an options file and options, after the statements ``patch``.
+
+    Strings are split at blanks, and ``name=value`` is the option ``-pgran_name value``.
+    """
+    words = [word for argument in arguments for word in (
+        argument.split() if isinstance(argument, str) else [argument])]
+    words += [word for name, value in options.items() for word in (f"-pgran_{name}", value)]
     program = "-c", f"""
 import os, sys, petsc4py
 petsc4py.init()
@@ -118,7 +124,8 @@ from pgran.__main__ import main
 sys.exit(main(sys.argv))
 """
     return run_ranks(ranks, *(program if patch else ("-m", "pgran")), "-options_file",
-                     ROOT / "options" / options_file, "-pgran_output", output, *arguments, **more)
+                     ROOT / "options" / options_file, "-pgran_output", output, *words,
+                     limit=limit, check=check)
 
 
 @pytest.fixture

@@ -1,16 +1,21 @@
-"""Commands: help, version, the choice of output and solver, and options that have no effect."""
+"""Commands: installation, help, the choice of output and solver, options that have no effect."""
+
+import configparser
+import importlib.util
 
 import pytest
-from conftest import ROOT, run_ranks
+from conftest import ROOT, pgran as run_pgran, run_ranks
 
 import pgran
+from pgran import doctor, scripts
 from pgran.cli import HELP, VERSION
 
+SETUP = configparser.ConfigParser()
+SETUP.read(ROOT / "setup.cfg")
 COMMANDS = ("pgran", *(f"pgran.{name}" for name in (
     "eigen", "growth", "stability", "measure", "plot", "watch", "figures")))
 #: A run of three steps.
-SHORT = ("-options_file", str(ROOT / "options" / "direct.opts"), "-pgran_element_size", "20",
-         "-pgran_compression", "0.0001")
+SHORT = "-pgran_element_size", "20", "-pgran_compression", "0.0001"
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -45,27 +50,25 @@ sys.exit(code)
 
 
 def test_a_restart_continues_in_its_own_file_unless_the_command_line_names_another(tmp_path):
-    (tmp_path / "file.opts").write_text(
-        f"-options_file {SHORT[1]}\n-pgran_output {tmp_path}/of_file.h5\n")
-    mine, other = tmp_path / "mine.h5", tmp_path / "other.h5"
-    run = "-m", "pgran", *SHORT, "-options_file", tmp_path / "file.opts"
+    options, mine, other = (tmp_path / name for name in ("file.opts", "mine.h5", "other.h5"))
+    options.write_text(f"-options_file {ROOT}/options/direct.opts\n-pgran_output {tmp_path}/x.h5\n")
+    run = "-m", "pgran", "-options_file", options, *SHORT
     run_ranks(0, *run, "-pgran_output", mine, "-ts_max_steps", 1)
     steps = len(pgran.open(mine).history["time"])
     run_ranks(0, *run, "-pgran_restart", mine, "-ts_max_steps", 2)
     assert len(pgran.open(mine).history["time"]) == steps + 1
-    assert not (tmp_path / "of_file.h5").exists()
+    assert not (tmp_path / "x.h5").exists()
     run_ranks(0, *run, "-pgran_restart", mine, "-pgran_output", other)
     assert pgran.open(other).complete and not pgran.open(mine).complete
 
 
 def test_a_steady_run_from_a_snapshot_writes_the_output_of_its_options_file(tmp_path, path):
-    (tmp_path / "steady.opts").write_text(
-        f"-options_file {ROOT}/options/steady.opts\n-pgran_output {tmp_path}/steady.h5\n")
-    run_ranks(0, "-m", "pgran", *SHORT, "-pgran_output", path)
+    options, steady = tmp_path / "steady.opts", tmp_path / "steady.h5"
+    options.write_text(f"-options_file {ROOT}/options/steady.opts\n-pgran_output {steady}\n")
+    run_pgran(0, "direct.opts", path, *SHORT)
     before = path.read_bytes()
-    run_ranks(0, "-m", "pgran", "-options_file", tmp_path / "steady.opts", "-pgran_element_size",
-              20, "-pgran_restart", path)
-    assert pgran.open(tmp_path / "steady.h5").complete and path.read_bytes() == before
+    run_ranks(0, "-m", "pgran", "-options_file", options, *SHORT[:2], "-pgran_restart", path)
+    assert pgran.open(steady).complete and path.read_bytes() == before
 
 
 @pytest.mark.parametrize("given, kind", [
@@ -82,7 +85,7 @@ def test_python_and_the_command_line_choose_the_same_solver(tmp_path, path, give
 
 
 @pytest.mark.parametrize("command, given, message", [
-    ("pgran.runs.run_on_ranks", ["{}/a.h5", SHORT[1], "-pgran_output", "{}/b.h5"],
+    ("pgran.runs.run_on_ranks", ["{}/a.h5", "options/direct.opts", "-pgran_output", "{}/b.h5"],
      "b.h5: the result file of this run is "),
     ("pgran.growth", ["-pgran_restart", "x.h5"], "-pgran_restart x.h5: not allowed"),
     ("pgran.stability", ["-posedness", "-base_flow", "simple_shear"], "-base_flow: "),
@@ -95,10 +98,53 @@ def test_an_option_that_would_have_no_effect_is_refused(command, given, message,
 
 
 def test_unused_options_of_petsc_are_reported_with_a_suggestion(path):
-    done = run_ranks(0, "-m", "pgran", *SHORT, "-pgran_output", path, "-snes_rtoll", 1, "-log_viwe",
-                     "-log_view", "-ts_view", "-ts_converged_reason", "-vec_nosuch", "x",
-                     "-options_file", ROOT / "options" / "solver_mg_fixed.opts")
+    done = run_pgran(0, "direct.opts", path, *SHORT, "-snes_rtoll", 1, "-log_viwe", "-log_view",
+                     "-ts_view", "-ts_converged_reason", "-vec_nosuch", "x", "-options_file",
+                     ROOT / "options" / "solver_mg_fixed.opts")
     assert "TS Object" in done.stdout
     assert done.stderr == (
         "pgran: warning: unused PETSc option(s): -log_viwe (did you mean -log_view?), "
         "-snes_rtoll 1 (did you mean -snes_rtol?), -vec_nosuch x\n")
+
+
+def test_every_entry_point_starts_a_module_of_the_package():
+    for line in filter(None, SETUP["options.entry_points"]["console_scripts"].split("\n")):
+        command, _, target = line.partition(" = ")
+        module, _, name = target.partition(":")
+        started = getattr(scripts, name).args[0]
+        assert module == "pgran.scripts" and importlib.util.find_spec(started)
+        assert command == started.replace(".", "-")
+
+
+def test_a_run_needs_neither_pyvista_nor_matplotlib(tmp_path):
+    needed = SETUP["options"]["install_requires"]
+    assert "pyvista" not in needed and "matplotlib" not in needed
+    code = ("import sys; sys.modules.update(matplotlib=None, pyvista=None)\n"
+            "from pgran.{} import main; sys.exit(main(sys.argv[{}:]))")
+    run_ranks(0, "-c", code.format("__main__", 0), "-pgran_width", 4, "-pgran_height", 8,
+              "-pgran_element_size", 2, "-ts_max_steps", 1, "-pgran_output", tmp_path / "run.h5")
+    done = run_ranks(0, "-c", code.format("plot", 1), tmp_path / "run.h5", check=False)
+    assert done.returncode == 1 and "pip install 'pgran[plot]'" in done.stderr
+
+
+def test_the_doctor_accepts_this_installation():
+    text = run_ranks(0, "-m", "pgran", "-doctor").stdout
+    assert text.splitlines()[-1] == "installation OK"
+    for name in ("petsc4py 3.", "slepc4py 3.", "mpi4py with", "h5py", "scipy", "one MPI library"):
+        assert f"ok  {name}" in text
+
+
+def test_the_doctor_reports_problems_and_remedies(monkeypatch, capsys):
+    found = {doctor.PETSC: {"version": [3, 17, 0], "real": False, "bits": 32, "mumps": "missing"},
+             doctor.SLEPC: {"version": [3, 18, 0]}, doctor.HDF5: "No module named 'h5py'",
+             doctor.MPI: {"library": "x"},
+             doctor.TOGETHER: {"mpi": ["/a/libmpi.so", "/b/libmpi"]}}
+    monkeypatch.setattr(doctor, "facts", lambda code: found.get(code, "not found"))
+    monkeypatch.setattr(doctor.shutil, "which", lambda name: None)
+    assert doctor.main() == 1
+    text = capsys.readouterr().out
+    for remedy in ("install PETSc with real numbers", "have different versions",
+                   "-> install h5py", "-> install scipy", "rebuild mpi4py and h5py",
+                   "install the MPI of mpi4py"):
+        assert remedy in text
+    assert text.count("BAD") == 8

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import discretised, pgran, read_vtk, refused
 
-from pgran.output import snapshots, vtkhdf
+from pgran.output import snapshots
 from pgran.output.reader import ResultError, opened
 from pgran.output.result import Result
 from pgran.output.start import Source
@@ -55,24 +55,6 @@ def assert_pressures(path, form, count):
         for number, snapshot in enumerate(found):
             np.testing.assert_array_equal(np.ravel(snapshot["pressure"]),
                                           fields(form, number)["pressure"])
-
-
-def test_the_bytes_written_for_a_snapshot_do_not_depend_on_their_number(path):
-    def written():
-        with open("/proc/self/io") as file:
-            return int(dict(line.split(": ") for line in file)["wchar"])
-
-    form = discretised(element_size=4)
-    writer = Writer(path, form)
-    writer.begin()
-    total = [written()]
-    for number in range(40):
-        writer.snapshot(float(number), fields(form))
-        total.append(written())
-    writer.close()
-    sizes = np.diff(total)
-    # The difference is a link and a time per snapshot in the result file.
-    assert sizes[-1] - sizes[1] < 500 * 38 and sizes[-1] < 1.2 * sizes[1]
 
 
 def test_a_result_can_be_moved_and_renamed(tmp_path, path, form):
@@ -160,13 +142,8 @@ def test_a_file_that_contains_its_snapshots_is_read_and_continued(tmp_path, path
 def test_more_than_9999_snapshots_are_in_order(path):
     names = ["0000", "9998", "9999", "10000", "10001"]
     with h5py.File(path, "w") as file:
-        file.attrs["options"] = ""
-        for number, name in enumerate(names):
-            group = file.create_group(f"snapshots/{name}")
-            group.attrs["time"] = float(number)
-            group["coordinates"] = np.zeros((3, 3, 2))
-        vtkhdf.link(file)
-        assert list(file["VTKHDF/Steps/Values"]) == [0, 1, 2, 3, 4]
+        for name in names:
+            file.create_group(f"snapshots/{name}")
     with opened(path) as file:
         assert list(snapshots.linked(file)) == names
 

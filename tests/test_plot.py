@@ -1,4 +1,4 @@
-"""Fields of a result, and pictures: known fields have known colours at known positions."""
+"""Fields of a result, pictures, and the figures of the paper with their numbers."""
 
 import shutil
 from pathlib import Path
@@ -10,7 +10,7 @@ import pytest
 from conftest import run_ranks
 from PIL import Image
 
-from pgran import plot, watch
+from pgran import figures, plot, watch
 from pgran.output import pictures
 from pgran.output.result import QUANTITIES, Result
 
@@ -194,3 +194,44 @@ def test_a_picture_shows_the_measured_bands(snapshot, field, lines, wanted):
     text = axes.texts[0].get_text().replace("\n", " ")
     assert len(axes.lines) == lines and all(part in text for part in wanted)
     assert bool(lines) == ("°" in text)
+
+
+def test_figures_of_the_theory_are_drawn_with_their_numbers(tmp_path, capsys):
+    assert figures.main(["fig1", "fig2", "fig8", "fig9", "-output", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    for row in (
+            "| quasi-static cut-off, mu_s = 0.3819 | 0.123 | 0.12265 |",
+            "| IG, I0 = 0.1: unstable near the origin | no | no |",
+            "| wave vectors whose stability changes / unstable ones, I0 = 1 | quite different | "
+            "15.236 |", "| b I0 where the Bingham cut-off vanishes | 0.0158 | 0.015723 |"):
+        assert row in text
+    for name in ("fig1", "fig2", "fig8", "fig9"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10000
+    with h5py.File(tmp_path / "fig2.h5") as file:
+        assert file["k_cut"].shape == (200, 200)
+
+
+@pytest.mark.parametrize("name, model, compression", [("fig6", "ngf", 0.1), ("fig7", "li", 0.01)])
+def test_a_figure_of_simulations_shows_the_runs_that_exist(tmp_path, capsys, name, model,
+                                                           compression):
+    results, output = tmp_path / "results", tmp_path / "pictures"
+    results.mkdir()
+    arguments = [name, "-results", str(results), "-output", str(output)]
+    assert figures.main(arguments) == 1
+    assert f"run bash jobs/study.sh section4 {name}" in capsys.readouterr().err
+    x, y = np.meshgrid(np.linspace(0.0, 42.0, 21), np.linspace(0.0, 108.0, 61))
+    for size in (2, 1):
+        with h5py.File(results / f"{model}_L40_I0.001_h{size}.h5", "w") as file:
+            file.attrs["options"] = (f"-pgran_model {model}\n-pgran_element_size {size:g}\n"
+                                     "-pgran_inertial_number 0.001\n")
+            group = file.create_group("snapshots/0000")
+            group.attrs["compression"] = compression
+            group["coordinates"] = np.stack([x, y], axis=-1)
+            group["inertial_number"] = 4e-3 * np.exp(-((y - 54.0 - 1.23 * (x - 21.0)) / 15.0)**2)
+    assert figures.main(arguments) == 0
+    text = capsys.readouterr().out
+    assert (output / f"{name}.png").stat().st_size > 10000
+    assert f"not drawn, because the run is missing: {model}_L40_I0.001_h0.5" in text
+    assert ("angle (degrees)" in text) != ("bands across the line at L/4" in text)
+    with h5py.File(output / f"{name}.h5") as file:
+        assert file["a/I"].shape == file["b/I"].shape == (61, 21)

@@ -64,9 +64,6 @@ def put(monkeypatch, module, **values):
         monkeypatch.setattr(module, name, value)
 
 
-# Reuse of runs
-
-
 def test_a_result_is_done_only_with_the_requested_options(tiny):
     large = ROOT / "options" / "large.opts"
     for more in ((), ("-pgran_output", "elsewhere.h5"), run_on_ranks.QUIET,
@@ -121,9 +118,6 @@ def test_a_run_beyond_its_time_limit_ends_with_all_ranks(tmp_path):
     assert all(not state.exists() or ") Z " in state.read_text() for state in states)
 
 
-# Start of studies
-
-
 def test_the_script_lists_and_explains_studies_and_rejects_wrong_arguments(capsys):
     done = subprocess.run(["bash", "jobs/study.sh"], text=True, capture_output=True, check=True,
                           env={**os.environ, "PGRAN_PYTHON": sys.executable})
@@ -147,9 +141,6 @@ def test_a_table_is_stored_with_all_digits_and_written_to_the_docs_with_a_stamp(
     assert stamp.startswith("pgran ") and "PETSc 3." in stamp and " cores), 20" in stamp
     with pytest.raises(SolutionError, match="all runs failed"):
         study.write_table(tmp_path / "z.csv", columns, [("one",)])
-
-
-# Fits and interpolation
 
 
 def test_growth_rates_are_fitted_and_extrapolated():
@@ -190,9 +181,6 @@ def test_interpolation_to_a_finer_mesh_is_exact_for_quadratic_fields(tmp_path):
         transfer.interpolated(discretised(width=5, height=8, element_size=1), path, 0)
     with pytest.raises(OptionError, match="-from"):
         transfer.interpolated(form, tmp_path / "none.h5", 0)
-
-
-# Studies at tiny size
 
 
 def test_the_cost_of_one_step_is_reported(tiny):

@@ -125,8 +125,7 @@ def test_a_continued_file_shows_only_fields_of_all_snapshots_and_has_the_right_u
         for group in file["snapshots"].values():
             del group["spin"]
         file["history/energy_error"].attrs["unit"] = "|sigma_1| d^2"
-    run_pgran(0, "biaxial.opts", older, "-pgran_width", 8, "-pgran_height", 24, "-pgran_restart",
-              older, "-pgran_compression", 0.0022)
+    run_pgran(0, "biaxial.opts", older, width=8, height=24, restart=older, compression=0.0022)
     grids = [*read_xdmf(older), *read_vtk(older)]
     assert len(grids) == 6
     assert all("spin" not in grid.point_data and len(grid.point_data) == 10 for grid in grids)

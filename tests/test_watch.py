@@ -14,14 +14,14 @@ from pgran import watch
 from pgran.output import files, progress
 from pgran.output.result import Result
 
-SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.002)
+SMALL = "-pgran_width 8 -pgran_height 24"
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     """A run that was stopped, with pictures of two steps."""
     path = tmp_path_factory.mktemp("watch") / "small.h5"
-    run_pgran(2, "biaxial.opts", path, *SMALL, "-ts_max_steps", 8, "-pgran_picture_every", 4)
+    run_pgran(2, "biaxial.opts", path, SMALL, "-ts_max_steps 8", picture_every=4)
     return path
 
 
@@ -91,7 +91,7 @@ def test_a_run_draws_pictures_stores_its_end_and_prints_the_next_commands(path, 
     assert names == ["small_step0004.png", "small_step0008.png"]
     assert Result(path).attributes["state"] == "stopped"  # by -ts_max_steps
     output = tmp_path / "r.h5"
-    text = run_pgran(0, "direct.opts", output, *SMALL[:4], "-pgran_compression", 1e-4).stdout
+    text = run_pgran(0, "direct.opts", output, SMALL, compression=1e-4).stdout
     assert Result(output).attributes["state"] == "complete"
     commands = [line.split("next:")[-1].strip() for line in text.splitlines()[-3:]]
     assert [command.split(" ", 1)[1] for command in commands[:2]] == [
