@@ -41,43 +41,6 @@ LONGEST = ("test_multigrid.py", "test_runs.py", "test_restart.py", "test_flows.p
            "test_studies.py", "test_eigen.py", "test_growth.py")
 
 
-class ForkServer:
-    """Runs ``python -m module`` in forks of a process that has imported the modules of pgran."""
-
-    def __init__(self):
-        self.line, self.environment = run_on_ranks.command(0, ROOT / "tests" / "forkserver.py")
-        self.process = subprocess.Popen(self.line, env=self.environment, text=True,
-                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self.process.stdout.readline() == "ready\n"
-
-    def serves(self, arguments):
-        """Return whether a fork does the same as ``python arguments`` in a new process."""
-        line, environment = run_on_ranks.command(0)
-        return arguments[0] == "-m" and line[0] == self.line[0] and all(
-            environment.get(name) == self.environment.get(name)
-            for name in {*environment, *self.environment} if name.startswith("PYTHON"))
-
-    def run(self, module, *arguments, folder=ROOT, limit=LIMIT):
-        """Run a command in ``folder``; return the finished process."""
-        with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
-            self.process.stdin.write(json.dumps({
-                "module": module, "arguments": list(map(str, arguments)), "folder": str(folder),
-                "environment": run_on_ranks.command(0)[1], "output": output.name,
-                "errors": errors.name, "limit": limit}) + "\n")
-            self.process.stdin.flush()
-            code = int(self.process.stdout.readline())
-            done = subprocess.CompletedProcess([module, *arguments], code, output.read(),
-                                               errors.read())
-        assert code != -signal.SIGALRM, f"{done} did not end within {limit:.0f} s"
-        return done
-
-
-@functools.cache
-def fork_server():
-    """Return the `ForkServer` of this process, started by the first call."""
-    return ForkServer()
-
-
 def pytest_collection_modifyitems(items):
     order = {name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.name, len(order)))
@@ -85,20 +48,7 @@ def pytest_collection_modifyitems(items):
 
 def pytest_sessionfinish():
     if fork_server.cache_info().currsize:
-        fork_server().process.communicate()
-
-
-def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
-    """Run ``python arguments`` on ranks; on 0 ranks, run ``-m module`` in the `ForkServer`."""
-    if not ranks and fork_server().serves(arguments):
-        done = fork_server().run(*arguments[1:], limit=limit)
-    else:
-        done = run_on_ranks.python(ranks, *arguments, timeout=limit, check=False,
-                                   text=True, cwd=ROOT, stdout=subprocess.PIPE,
-                                   stderr=subprocess.PIPE)
-    if check and done.returncode:
-        raise AssertionError(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
-    return done
+        fork_server().communicate()
 
 
 def start(ranks, *arguments, **more):
@@ -106,6 +56,41 @@ def start(ranks, *arguments, **more):
     line, environment = run_on_ranks.command(ranks, *arguments)
     return subprocess.Popen(line, **{"env": environment, "cwd": ROOT, "text": True,
                                      "stderr": subprocess.PIPE, **more})
+
+
+@functools.cache
+def fork_server():
+    """Return the process of ``forkserver.py``, started by the first call."""
+    return start(0, ROOT / "tests" / "forkserver.py", stdin=subprocess.PIPE, stderr=None,
+                 stdout=subprocess.PIPE)
+
+
+def run_in_fork(module, *arguments, folder=ROOT, limit=LIMIT):
+    """Run ``python -m module`` in a fork of the `fork_server`; return the finished process."""
+    server = fork_server()
+    with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
+        server.stdin.write(json.dumps({
+            "module": module, "arguments": list(map(str, arguments)), "folder": str(folder),
+            "environment": run_on_ranks.command(0)[1], "output": output.name,
+            "errors": errors.name, "limit": limit}) + "\n")
+        server.stdin.flush()
+        code = int(server.stdout.readline())
+        done = subprocess.CompletedProcess([module, *arguments], code, output.read(), errors.read())
+    assert code != -signal.SIGALRM, f"{done} did not end within {limit:.0f} s"
+    return done
+
+
+def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
+    """Run ``python arguments`` on ranks; on 0 ranks, run ``-m module`` in a fork."""
+    if not ranks and arguments[0] == "-m":
+        done = run_in_fork(*arguments[1:], limit=limit)
+    else:
+        done = run_on_ranks.python(ranks, *arguments, timeout=limit, check=False,
+                                   text=True, cwd=ROOT, stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE)
+    if check and done.returncode:
+        raise AssertionError(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
+    return done
 
 
 def pgran(ranks, options_file, output, *arguments, patch="", limit=LIMIT, check=True, **options):
@@ -116,16 +101,12 @@ def pgran(ranks, options_file, output, *arguments, patch="", limit=LIMIT, check=
     words = [word for argument in arguments for word in (
         argument.split() if isinstance(argument, str) else [argument])]
     words += [word for name, value in options.items() for word in (f"-pgran_{name}", value)]
-    program = "-c", f"""
-import os, sys, petsc4py
-petsc4py.init()
-{patch}
-from pgran.__main__ import main
-sys.exit(main(sys.argv))
-"""
-    return run_ranks(ranks, *(program if patch else ("-m", "pgran")), "-options_file",
-                     ROOT / "options" / options_file, "-pgran_output", output, *words,
-                     limit=limit, check=check)
+    program = "-m", "pgran"
+    if patch:
+        program = "-c", ("import os, sys, petsc4py\npetsc4py.init()\n"
+                         f"{patch}\nfrom pgran.__main__ import main\nsys.exit(main(sys.argv))")
+    return run_ranks(ranks, *program, "-options_file", ROOT / "options" / options_file,
+                     "-pgran_output", output, *words, limit=limit, check=check)
 
 
 @pytest.fixture
@@ -136,10 +117,9 @@ def path(tmp_path):
 
 @pytest.fixture(scope="session")
 def small_specimen(tmp_path_factory):
-    """Return the path of a result of a specimen of 8 d x 24 d with two snapshots.
+    """Return a result of a specimen of 8 d x 24 d with two snapshots, which tests do not change.
 
-    All test files use it, and must not change it. The first worker makes the run, and the others
-    wait for it.
+    The first worker makes the run, and the others wait for it.
     """
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:

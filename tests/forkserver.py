@@ -2,7 +2,7 @@
 
 Each line of standard input is JSON: {"module", "arguments", "folder", "environment", "output",
 "errors", "limit"}. SIGALRM ends the command after the limit in seconds. The server writes a line
-with the exit code. Its first line is "ready".
+with the exit code.
 """
 
 import ctypes
@@ -44,7 +44,6 @@ def serve():
     for package, library in LIBRARIES:
         for path in (Path(sys.modules[package].__file__).parent / "lib").glob(f"**/{library}*.so"):
             ctypes.CDLL(str(path))
-    print("ready", flush=True)
     for line in sys.stdin:
         child = os.fork()
         if not child:

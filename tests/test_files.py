@@ -17,7 +17,7 @@ from pgran.output.reader import ResultError, opened
 from pgran.output.result import Result
 from pgran.output.start import Source
 from pgran.output.writer import Writer
-from pgran.pack import main as pack_main, pack
+from pgran.pack import main as pack
 
 
 @pytest.fixture(scope="module")
@@ -88,12 +88,12 @@ def test_a_packed_result_is_one_file(tmp_path, path, form, capsys):
     one = tmp_path / "inner" / "one.h5"
     one.parent.mkdir()
     write(path, form, 3, note="kept")
-    assert pack_main([str(path), str(one)]) == 0
+    assert pack([str(path), str(one)]) == 0
     for entry in (path, *snapshot_files(path)):
         entry.unlink()
     assert Result(one).attributes["note"] == "kept" and "time" in Result(one).history
     assert_pressures(one, form, 3)
-    assert pack_main([str(one), str(one)]) == 1
+    assert pack([str(one), str(one)]) == 1
     assert str(one) in capsys.readouterr().err
 
 
@@ -126,17 +126,6 @@ def test_a_continued_run_removes_only_unused_files_of_its_own(tmp_path, path, fo
     write(path, form, 0, Source(path, stale.run, 0, 1))
     assert len(Result(path).snapshots) == 1
     assert np.isfinite(Result(tmp_path / "copy.h5").snapshots[2]["pressure"]).all()
-
-
-def test_a_file_that_contains_its_snapshots_is_read_and_continued(tmp_path, path, form):
-    old = tmp_path / "old.h5"
-    pack(write(path, form, 2), old)
-    with h5py.File(old, "r+") as file:
-        file.attrs["format"] = 3
-    assert_pressures(old, form, 2)
-    write(old, form, 1, Source(old, Result(old).run, 0, 2), first=2)
-    assert len(snapshot_files(old)) == 3 and not (tmp_path / "old.1.h5").exists()
-    assert_pressures(old, form, 3)
 
 
 def test_more_than_9999_snapshots_are_in_order(path):

@@ -5,7 +5,7 @@ import os
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, fork_server, refused
+from conftest import ROOT, refused, run_in_fork
 
 DIRECT = "-options_file", str(ROOT / "options" / "direct.opts")
 COARSE = "-pgran_element_size", "8"
@@ -14,7 +14,7 @@ COARSE = "-pgran_element_size", "8"
 def assert_refused(folder, command, arguments, message):
     """Assert that a command ends with one message and leaves the files unchanged."""
     before = sorted(folder.iterdir()), (folder / "keep.h5").read_bytes()
-    refused(fork_server().run(f"pgran.{command}", *arguments, folder=folder), message)
+    refused(run_in_fork(f"pgran.{command}", *arguments, folder=folder), message)
     assert before == (sorted(folder.iterdir()), (folder / "keep.h5").read_bytes())
 
 
@@ -37,7 +37,8 @@ TEXTS = {"text.h5": "no HDF5\n", "empty.h5": "", "self.opts": "-options_file sel
          "misspelt.opts": "-pgran_widht 40\n",
          "law.py": "raise RuntimeError('this law is not ready')\n",
          "shape.py": "from pgran.cases import Case\nclass A(Case):\n    shape = 2, -1\n"
-                     "    def coordinates(self, i, j):\n        return i, j\n"}
+                     "    def coordinates(self, i, j):\n        return i, j\n"
+                     "class Lacking(Case):\n    pass\nclass Old(A):\n    rows = ()\n"}
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,6 @@ RUNS = {
     "-prgan_mu_s 0.4": "did you mean -pgran_mu_s?",
     "-pgran_width -pgran_height 80": "-pgran_width",
     "-options_file=two.opts": "a blank separates name and value, as in -options_file two.opts",
-    "-doctr": "did you mean -doctor?",
     # options files
     "-options_file nosuch.opts": "nosuch.opts: there is no such file",
     "-options_file": "the file name is missing",
@@ -95,7 +95,10 @@ RUNS = {
     "-pgran_element_size 1e-3": "more than the indices", "-pgran_element_size 0.01": "GB",
     "-pgran_A 1e300": "floating-point error",
     # components
-    "-pgran_case nosuch.py:A": "there is no such file", "-pgran_case shape.py:B": "has no class B",
+    "-pgran_case nosuch.py:A": "there is no such file",
+    "-pgran_case shape.py:B": "has no class B; it has A, Lacking, Old",
+    "-pgran_case shape.py:Lacking": "shape.py:Lacking: Lacking lacks coordinates, shape",
+    "-pgran_case shape.py:Old": "rows of Old is now options",
     "-pgran_law law.py:Law": "this law is not ready",
     "-pgran_law shape.py:A": "is not a subclass", "-pgran_case shape.py:A": "its shape is",
     # output

@@ -1,6 +1,5 @@
 """A run that is stopped, killed or out of disk space is continued to the same result."""
 
-import random
 import signal
 import subprocess
 import time
@@ -17,6 +16,7 @@ from pgran.output.result import Result
 from pgran.output.snapshots import linked
 from pgran.runs import run_on_ranks
 from pgran.solve import state
+from studies import kill
 
 #: A specimen that yields in about twenty steps, which take a second.
 SMALL = "-pgran_element_size 8 -pgran_compression 0.008 -pgran_progress quiet"
@@ -29,12 +29,6 @@ SLOPE = "-ts_type beuler -pgran_width 1 -pgran_element_size 1 -pgran_progress qu
 #: It slows down to rest; the rest speed follows.
 SLOWER = (f"{SLOPE} -pgran_end_time 50 -pgran_height 2 -pgran_inertia true -pgran_model li "
           "-pgran_slope 15 -pgran_start flow -pgran_step_max 0.1 -pgran_rest_speed")
-
-
-def history(path):
-    """Return the history of a result, {name: (n,)}."""
-    with h5py.File(path) as file:
-        return {name: data[...] for name, data in file["history"].items()}
 
 
 def same(path, other, tolerance, exact=False):
@@ -107,7 +101,7 @@ def test_every_kind_of_run_can_be_continued(tmp_path, path, options_file, ranks,
     complete = tmp_path / "complete.h5"
     pgran(0, options_file, complete, more)
     pgran(ranks, options_file, path, more, "-ts_max_steps", steps)
-    assert len(history(path)["time"]) <= steps and not Result(path).complete
+    assert kill.steps(path) <= steps and not Result(path).complete
     pgran(0, options_file, path, more, restart=path)
     same(complete, path, tolerance, exact=tolerance == 1e-10)
 
@@ -115,7 +109,7 @@ def test_every_kind_of_run_can_be_continued(tmp_path, path, options_file, ranks,
 def test_a_run_at_rest_is_not_continued_without_a_smaller_rest_speed(path):
     def end(rest_speed, **more):
         pgran(0, "inclined_plane.opts", path, SLOWER, rest_speed, **more)
-        return history(path)["time"][-1]
+        return Result(path).history["time"][-1]
 
     first = end(0.05)
     assert end(0.05, restart=path) == first < end(0.01, restart=path) < 5.0
@@ -125,12 +119,12 @@ def test_a_restart_after_an_error_begins_with_the_desired_step(path):
     more = f"{SMALL} -pgran_step_first 1.5e-4"
     done = pgran(0, "direct.opts", path, more, step_min=1e-4, check=False)
     refused(done, "no step down to -pgran_step_min 0.0001 converges", "a larger -pgran_step_error")
-    steps = len(history(path)["time"])
+    steps = kill.steps(path)
     assert steps
     with h5py.File(checkpoint.checkpoints_of(path)[0]) as file:
         wanted = file.attrs["wanted"]
     pgran(0, "direct.opts", path, more, "-ts_max_steps", steps + 1, step_error=100, restart=path)
-    assert history(path)["step_size"][steps] == wanted
+    assert Result(path).history["step_size"][steps] == wanted
 
 
 def test_a_complete_run_can_be_extended(short, path):
@@ -192,21 +186,21 @@ def test_a_restarted_run_that_is_killed_in_its_first_step_can_be_restarted(short
 from pgran.__main__ import Run
 Run.checkpoint = lambda self: os._exit(9)
 """)
-    assert done.returncode == 9 and len(history(path)["time"]) == 9
+    assert done.returncode == 9 and kill.steps(path) == 9
     pgran(0, "direct.opts", path, SHORT, restart=path)
     same(short, path, 1e-7)
 
 
-def start_long(ranks, path, *more):
+def start_long(ranks, path):
     """Start a long run in the background, in its own group of processes."""
-    return start(ranks, "-m", "pgran", "-options_file", DIRECT, "-pgran_output", path, LONG.split(),
-                 *more, stdout=subprocess.DEVNULL, start_new_session=True)
+    return start(ranks, "-m", "pgran", "-options_file", DIRECT, "-pgran_output", path,
+                 *LONG.split(), stdout=subprocess.DEVNULL, start_new_session=True)
 
 
 def wait_for(path, steps):
     """Wait until a result contains ``steps`` steps."""
     end = time.monotonic() + LIMIT
-    while not path.exists() or len(history(path)["time"]) < steps:
+    while kill.steps(path) < steps:
         assert time.monotonic() < end, f"{path} does not have {steps} steps after {LIMIT} s"
         time.sleep(0.02)
 
@@ -264,38 +258,16 @@ def test_the_launcher_forwards_a_signal_and_restarts_the_run(long, path, monkeyp
     assert not before.exists() or len(checkpoint.checkpoints_of(path)) == 2
 
 
-def test_ranks_killed_by_a_forwarded_signal_count_as_stopped():
-    code = """
-from pgran.runs import run_on_ranks
-print(run_on_ranks.python(0, "-c", "import time; print('here', flush=True); time.sleep(30)",
-                    check=False).returncode)
-"""
-    with start(0, "-c", code, stdout=subprocess.PIPE) as run:
-        assert run.stdout.readline() == "here\n"
-        run.send_signal(signal.SIGTERM)
-        assert run.communicate(timeout=LIMIT)[0] == f"{STOPPED}\n"
+def test_ranks_killed_by_a_forwarded_signal_count_as_stopped(monkeypatch):
+    monkeypatch.setattr(run_on_ranks, "SIGNALS", (signal.SIGTERM,))
+    code = "import os, signal, time; os.kill(os.getppid(), signal.SIGTERM); time.sleep(30)"
+    assert run_on_ranks.python(0, "-c", code, check=False).returncode == STOPPED
 
 
 @pytest.mark.nightly
-def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(long, path):
-    """See also jobs/studies/kill.py."""
-    chance = random.Random(11)
-    for ranks in (2, 0, 2):
-        again = ("-pgran_restart", path) if checkpoint.checkpoints_of(path) else ()
-        if not again:
-            path.unlink(missing_ok=True)
-        steps = len(history(path)["time"]) if path.exists() else 0
-        run = start_long(ranks, path, "-pgran_checkpoint_steps", "2", *again)
-        wait_for(path, steps + 3)
-        time.sleep(0.3 * chance.random())
-        run_on_ranks.kill(run)
-        run.communicate()
-        with h5py.File(path) as file:  # complete after every kill
-            assert len(file["history/time"]) >= steps
-            for group in file["snapshots"].values():
-                assert np.isfinite(group["velocity"][...]).all()
-    pgran(0, "direct.opts", path, LONG, restart=path)
-    same(long, path, 1e-7)
+def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    kill.kills(3, tmp_path)
 
 
 def test_the_history_can_be_read_during_the_run(path):
@@ -307,7 +279,7 @@ def test_the_history_can_be_read_during_the_run(path):
         assert len(held["history/time"]) == seen
         run_on_ranks.kill(run)
         run.communicate()
-    assert len(history(path)["time"]) >= seen + 8
+    assert kill.steps(path) >= seen + 8
 
 
 def test_one_file_has_one_writer(path):
@@ -348,7 +320,7 @@ def test_a_failing_disk_gives_one_error_and_keeps_the_last_checkpoint(tmp_path, 
                  patch=FAULT.format(path=str(path), fault=fault or "pass", setup=setup))
     refused(done, f"-pgran_output {path}: {message}")
     if message == "File too large":
-        assert len(history(path)["time"]) >= 1 and not list(path.parent.glob(".*"))
+        assert kill.steps(path) >= 1 and not list(path.parent.glob(".*"))
     elif message == "No space left on device":
         pgran(0, "direct.opts", path, SMALL, restart=path, compression=0.002)
         assert Result(path).complete and not list(path.parent.glob(".*"))

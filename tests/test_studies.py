@@ -306,12 +306,9 @@ def test_benchmarks_write_their_tables(tmp_path, monkeypatch, docs):
     bench.bench("answer", "4", "4", options=TINY)
     assert float(table(tmp_path / "answer.csv")[0]["to strict (%)"]) != 0.0
 
-    def pretend(ranks, *arguments, **_):
-        newton = [{"iterations": 14 + n, "seconds": 1.0, "jacobian": 0.1} for n in range(2)]
-        return {"ranks": int(ranks), "element_size": 2.0, "newton": newton, "unknowns": 100,
-                "memory": 100.0}
-
-    put(monkeypatch, bench, step=pretend)
+    step = {"element_size": 2.0, "unknowns": 100, "memory": 100.0, "newton": [
+        {"iterations": number, "seconds": 1.0, "jacobian": 0.1} for number in (14, 15)]}
+    put(monkeypatch, bench, step=lambda ranks, *_, **__: {"ranks": int(ranks), **step})
     bench.bench("iterations", "2 1", "1 2")
     assert [row["before"] for row in table(tmp_path / "iterations.csv")] == ["14.5 (15)"] * 4
     bench.bench("size", "2 1 0.5", "1", "")
