@@ -129,8 +129,8 @@ def small_specimen(tmp_path_factory):
     with open(path.with_suffix(".lock"), "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not path.exists():
-            pgran(2, "biaxial.opts", path, "-pgran_width", 8, "-pgran_height", 24,
-                  "-pgran_compression", 0.002, "-pgran_snapshots", "0.001,0.002")
+            pgran(2, "biaxial.opts", path, width=8, height=24, compression=0.002,
+                  snapshots="0.001,0.002")
     return path
 
 

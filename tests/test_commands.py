@@ -116,14 +116,13 @@ def test_every_entry_point_starts_a_module_of_the_package():
         assert command == started.replace(".", "-")
 
 
-def test_a_run_needs_neither_pyvista_nor_matplotlib(tmp_path):
+def test_a_run_needs_neither_pyvista_nor_matplotlib(path):
     needed = SETUP["options"]["install_requires"]
     assert "pyvista" not in needed and "matplotlib" not in needed
-    code = ("import sys; sys.modules.update(matplotlib=None, pyvista=None)\n"
-            "from pgran.{} import main; sys.exit(main(sys.argv[{}:]))")
-    run_ranks(0, "-c", code.format("__main__", 0), "-pgran_width", 4, "-pgran_height", 8,
-              "-pgran_element_size", 2, "-ts_max_steps", 1, "-pgran_output", tmp_path / "run.h5")
-    done = run_ranks(0, "-c", code.format("plot", 1), tmp_path / "run.h5", check=False)
+    missing = "import sys; sys.modules.update(matplotlib=None, pyvista=None)"
+    run_pgran(0, "direct.opts", path, *SHORT, patch=missing)
+    code = f"{missing}\nfrom pgran.plot import main; sys.exit(main(sys.argv[1:]))"
+    done = run_ranks(0, "-c", code, path, check=False)
     assert done.returncode == 1 and "pip install 'pgran[plot]'" in done.stderr
 
 

@@ -49,8 +49,7 @@ def snapshot_files(path):
 
 def assert_pressures(path, form, count):
     """Assert that pgran and VTK read the pressures of all snapshots."""
-    read = [Result(path).snapshots, list(read_vtk(path))]
-    for found in read:
+    for found in (Result(path).snapshots, list(read_vtk(path))):
         assert len(found) == count
         for number, snapshot in enumerate(found):
             np.testing.assert_array_equal(np.ravel(snapshot["pressure"]),

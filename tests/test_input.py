@@ -54,8 +54,6 @@ def folder(tmp_path_factory):
     (folder / "truncated.h5").write_bytes(complete[:len(complete) // 2])
     with h5py.File(folder / "other.h5", "w") as file:
         file["data"] = np.arange(3)
-    with h5py.File(folder / "data.h5", "w") as file:
-        file["snapshots"] = np.arange(3)
     with h5py.File(folder / "nothing.h5", "w") as file:
         file.create_group("snapshots")
         file.attrs["options"] = ""
@@ -109,7 +107,8 @@ RUNS = {
     # restart and mode files
     **{f"-pgran_restart {kind}.h5": f"-pgran_restart {kind}.h5: " for kind in (
         "nosuch", "folder", "truncated", "pipe", "other", "strange", "untold", "mute", "keep")},
-    "-pgran_restart keep.h5 -pgran_width 16": "cannot change -pgran_width (here 16, there 8.0)",
+    "-pgran_restart keep.h5 -pgran_width 16 -pgran_mu_s 0.4":
+        "cannot change -pgran_mu_s (here 0.4, there 0.3819), -pgran_width (here 16, there 8.0)",
     "-pgran_restart keep.h5 -pgran_restart_snapshot 0":
         "-pgran_restart_snapshot 0: requires -ts_type pseudo",
     **{f"-ts_type pseudo -pgran_restart {kind}.h5": f"-pgran_restart {kind}.h5: " for kind in (
@@ -153,7 +152,7 @@ COMMANDS = {
     "growth -dt 1e3 -pgran_element_size 8": "(-dt)", "growth -dt 1e-3,1e-3": "-dt 0.001,0.001: ",
     "measure nosuch.h5": "nosuch.h5",
     **{f"measure {kind}.h5": f"{kind}.h5: " for kind in (
-        "truncated", "other", "data", "nothing", "flat", "odd", "words", "lost", "pipe")},
+        "truncated", "other", "nothing", "flat", "odd", "words", "lost", "pipe")},
     "measure -meshes keep.h5 other.h5": "other.h5: ",
     "measure -nosuch keep.h5": "unknown option -nosuch", "plot words.h5": "words.h5: ",
     "figures fig0": "unknown figure fig0", "figures fig6 -results nosuch": "nosuch",

@@ -144,13 +144,6 @@ def test_a_sweep_runs_equal_points_once_and_reports_failures(tmp_path):
         pgran.sweep({"inertial_number": [0.001]}, directory=tmp_path, output="x.h5", **SMALL)
 
 
-def live():
-    """The number of objects of PETSc and of the solver that Python holds."""
-    gc.collect()
-    return sum(str(type(thing).__module__).startswith(("petsc4py", "pgran.solve", "pgran.space"))
-               for thing in gc.get_objects())
-
-
 @pytest.mark.parametrize("more", [
     {"petsc": {"options_file": shipped("large")}}, {"options_file": shipped("direct")},
     FAILING], ids=["multigrid", "direct", "fails"])
@@ -159,7 +152,9 @@ def test_a_run_in_this_process_frees_its_objects(tmp_path, more):
     for number in range(3):
         with suppress(SolutionError):
             pgran.run(tmp_path / f"{number}.h5", **SMALL, **more)
-        counts.append(live())
+        gc.collect()
+        counts.append(sum(str(type(thing).__module__).startswith(
+            ("petsc4py", "pgran.solve", "pgran.space")) for thing in gc.get_objects()))
     # PETSc keeps the last error that a callback has raised.
     assert counts[2] == counts[1] and (more is FAILING or counts[0] == counts[1])
 

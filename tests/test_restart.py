@@ -131,14 +131,8 @@ def test_a_complete_run_can_be_extended(short, path):
     pgran(0, "direct.opts", path, SMALL, compression=0.004)
     pgran(0, "direct.opts", path, restart=path, compression=0.008)
     same(short, path, 1e-10)  # with the other options of the run
-
-
-def test_options_that_a_restart_cannot_change_are_named(short, path):
-    for more, message in (
-            ("-pgran_width 80 -pgran_mu_s 0.4 -pgran_compression 0.05",
-             "-pgran_mu_s (here 0.4, there 0.3819), -pgran_width (here 80, there 40.0)"),
-            ("-pgran_compression 1e-5", "is later than the requested end of the run")):
-        refused(pgran(2, "direct.opts", path, more, restart=short, check=False), message)
+    done = pgran(2, "direct.opts", path, restart=path, compression=1e-5, check=False)
+    refused(done, "is later than the requested end of the run")
 
 
 #: Messages for damaged checkpoints, the damaged dataset or attribute, and its new value.
