@@ -113,8 +113,7 @@ weakform.WeakForm.{method} = fail
 @pytest.mark.parametrize("method, rank, fault, message", [
     ("jacobian", 0, "raise MemoryError('of rank 0')", "not enough memory"),
     ("residual", 1, "raise SolutionError('of rank 1')", "of rank 1"),
-    ("residual", 1, "os.kill(os.getpid(), signal.SIGKILL)", "signal 9 (Killed)")],
-    ids=["memory", "a reported error", "kill"])
+    ("residual", 1, "os.kill(os.getpid(), signal.SIGKILL)", "signal 9 (Killed)")])
 def test_when_one_rank_fails_all_stop(path, method, rank, fault, message):
     done = pgran(2, "direct.opts", path, COARSE, check=False,
                  patch=FAIL.format(method=method, rank=rank, fault=fault))

@@ -250,14 +250,16 @@ def test_steady_and_dynamic_ngf_are_compared(tmp_path, monkeypatch, docs):
     assert (docs / "figures" / "primitive.png").stat().st_size > 10000
 
 
-def test_growth_rates_of_theory_agree(tmp_path, monkeypatch):
+def test_growth_rates_of_theory_and_of_a_run_from_an_eigenvector_agree(tmp_path, monkeypatch):
     put(monkeypatch, specimen, LARGE=())
     rows = dict(specimen.steps_rows("-pgran_element_size", 4))
     assert rows["extrapolated to 0"] == pytest.approx(rows["analytical"], rel=5e-3)
     assert rows["column"] == pytest.approx(rows["analytical"], rel=0.12)
     assert specimen.later((), 0.02) == pytest.approx(0.96, abs=0.01)
     path = tmp_path / "mode.h5"
-    rate, _ = growth.eigenmode(path, 4)
+    rate, options = growth.eigenmode(path, 4)
+    growth.grow(path, options, tmp_path / "growth.h5", 0.008, *growth.EXPONENTIAL)
+    assert growth.fitted(*growth.history(tmp_path / "growth.h5")[1:]) == pytest.approx(rate, 0.02)
     monkeypatch.setattr(run_on_ranks, "python", lambda *_: pytest.fail("the mode exists"))
     assert growth.eigenmode(path, 4)[0] == rate > 0.0
     with pytest.raises(pytest.fail.Exception):

@@ -14,7 +14,7 @@ from pgran import watch
 from pgran.output import files, progress
 from pgran.output.result import Result
 
-SMALL = "-pgran_width 8 -pgran_height 24"
+SMALL = "-pgran_width 8 -pgran_height 24 -pgran_compression 0.002"
 
 
 @pytest.fixture(scope="module")
