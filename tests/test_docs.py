@@ -1,7 +1,6 @@
 """What the pages name exists, the examples run at a tiny size, and the notebooks show them."""
 
 import json
-import os
 import pkgutil
 import re
 import runpy
@@ -83,7 +82,7 @@ def test_an_example_runs_and_prints_its_result(name, tmp_path, monkeypatch, caps
                             command(first, **{**given, **tiny}))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(EXAMPLES))
-    os.mkdir("results")
+    (tmp_path / "results").mkdir()
     runpy.run_path(str(EXAMPLES / f"{name}.py"))
     assert wanted in capsys.readouterr().out
     sys.modules.pop("power_law", None)

@@ -96,8 +96,7 @@ RUNS = {
     "-pgran_case nosuch.py:A": "there is no such file",
     "-pgran_case shape.py:B": "has no class B; it has A, Lacking, Old",
     "-pgran_case shape.py:Lacking": "shape.py:Lacking: Lacking lacks coordinates, shape",
-    "-pgran_case shape.py:Old": "rows of Old is now options",
-    "-pgran_law law.py:Law": "this law is not ready",
+    "-pgran_case shape.py:Old": "rows of Old", "-pgran_law law.py:Law": "this law is not ready",
     "-pgran_law shape.py:A": "is not a subclass", "-pgran_case shape.py:A": "its shape is",
     # output
     "-pgran_output /dev/null": "a file name that ends in .h5",

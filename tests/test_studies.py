@@ -257,13 +257,13 @@ def test_growth_rates_of_theory_and_of_a_run_from_an_eigenvector_agree(tmp_path,
     assert rows["column"] == pytest.approx(rows["analytical"], rel=0.12)
     assert specimen.later((), 0.02) == pytest.approx(0.96, abs=0.01)
     path = tmp_path / "mode.h5"
-    rate, options = growth.eigenmode(path, 4)
+    rate, options = growth.eigenmode(path, 8)
     growth.grow(path, options, tmp_path / "growth.h5", 0.008, *growth.EXPONENTIAL)
     assert growth.fitted(*growth.history(tmp_path / "growth.h5")[1:]) == pytest.approx(rate, 0.02)
     monkeypatch.setattr(run_on_ranks, "python", lambda *_: pytest.fail("the mode exists"))
-    assert growth.eigenmode(path, 4)[0] == rate > 0.0
+    assert growth.eigenmode(path, 8)[0] == rate > 0.0
     with pytest.raises(pytest.fail.Exception):
-        growth.eigenmode(path, 4, "-pgran_law", "jop")
+        growth.eigenmode(path, 8, "-pgran_law", "jop")
 
 
 def test_computed_spectra_agree_with_theory():
