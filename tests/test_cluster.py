@@ -11,8 +11,9 @@ from pgran.output.result import Result
 from pgran.runs import run_on_ranks
 
 FILE = "options/biaxial.opts"
-#: A run of about two seconds.
-SMALL = "-pgran_width 8 -pgran_height 24 -pgran_compression 0.01 -pgran_step_max 4e-4".split()
+#: A run of about four seconds. Its file is also written at the first snapshot.
+SMALL = ("-pgran_width 8 -pgran_height 24 -pgran_compression 0.01 -pgran_snapshots 0.005,0.01 "
+         "-pgran_step_max 2e-4").split()
 
 
 def written(folder, *arguments, check=True, **environment):
@@ -56,7 +57,7 @@ from studies.kill import steps
 assert sys.argv[1:4] == ["--preserve-status", "--signal=USR1", "3"], sys.argv
 path = "results/biaxial.h5"
 before, run = steps(path), subprocess.Popen(sys.argv[4:])
-while run.poll() is None and steps(path) < before + 20:
+while run.poll() is None and steps(path) < before + 10:
     time.sleep(0.05)
 run.send_signal(signal.SIGUSR1)
 sys.exit(run.wait())

@@ -13,7 +13,7 @@ import pytest
 from conftest import discretised, pgran, read_vtk, refused
 
 from pgran.output import snapshots
-from pgran.output.reader import ResultError, opened
+from pgran.output.reader import ResultError
 from pgran.output.result import Result
 from pgran.output.start import Source
 from pgran.output.writer import Writer
@@ -132,7 +132,6 @@ def test_more_than_9999_snapshots_are_in_order(path):
     with h5py.File(path, "w") as file:
         for name in names:
             file.create_group(f"snapshots/{name}")
-    with opened(path) as file:
         assert list(snapshots.linked(file)) == names
 
 
