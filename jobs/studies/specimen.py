@@ -1,5 +1,6 @@
 """Growth rates of the specimen: linearised step, analytical solutions and nonlinear runs."""
 
+import shutil
 from itertools import product
 from pathlib import Path
 
@@ -194,3 +195,4 @@ def specimen(directory="results/specimen", *, options=()):
     if not run_on_ranks.done(mode, "options/growth.opts", steady):
         run_on_ranks.python(1, "-m", "pgran.growth", "-options_file", "options/growth.opts",
                             *steady, "-dt", STEPS[0], "-mode", mode)
+    shutil.copy(mode.with_suffix(".png"), study.DOCS / "figures")
