@@ -82,7 +82,8 @@ def spectra(directory="results", *, options=()):
     text = run_on_ranks.python(run_on_ranks.RANKS, "-m", "pgran.eigen", "-options_file",
                                "options/eigen.opts", *options, stdout=subprocess.PIPE,
                                text=True).stdout
-    study.write_page("eigen_periodic", f"```text\n{text}```")
+    text = "\n".join(line[2:] for line in text.splitlines() if "mode:" not in line)
+    study.write_page("eigen_periodic", f"```text\n{text}\n```")
     text = study.paper_figures(["fig1", "fig2", "fig8", "fig9", "specimen"], directory)
     study.write_page("figures_numbers", "\n".join(
         line for line in text.splitlines() if line.startswith("|") or not line))
