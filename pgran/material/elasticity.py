@@ -1,27 +1,13 @@
-"""Time integration of the stiff Maxwell element, and strain measures; numpy only.
-
-Symmetric plane tensors are arrays (3, ...) of the components 11, 22 and 12.
-"""
+"""Time integration of the stiff Maxwell element, and strain measures; numpy only."""
 
 import numpy as np
-
-#: Number of components of a plane symmetric tensor.
-COMPONENTS = 3
-
-
-def rotate(stress, angle):
-    """Return a stress deviator (3, ...), rotated counterclockwise by an angle (...) in rad."""
-    mean, half = (stress[0] + stress[1]) / 2.0, (stress[0] - stress[1]) / 2.0
-    cos, sin = np.cos(2.0 * angle), np.sin(2.0 * angle)
-    rotated = half * cos - stress[2] * sin
-    return np.array([mean + rotated, mean - rotated, half * sin + stress[2] * cos])
 
 
 def stress_rate(dt, stress, previous_dt=None, previous=None):
     """Return the factor f and the stress S of d(sigma')/dt = f (sigma' - S)/dt.
 
     The scheme is BDF2 with variable steps, and backward Euler in the first step. ``stress`` and
-    ``previous`` are the deviators (3, ...) one and two steps ago, rotated with the material.
+    ``previous`` are the deviators (m, ...) one and two steps ago, rotated with the material.
     """
     if previous_dt is None:
         return 1.0, stress
@@ -30,14 +16,14 @@ def stress_rate(dt, stress, previous_dt=None, previous=None):
     return factor, ((1.0 + ratio) * stress - ratio**2 / (1.0 + ratio) * previous) / factor
 
 
-def strain_fields(velocity_gradient, deformation_gradient=None):
-    """Return strain rate sym L (3, ...), spin (L21 - L12)/2, strain and det F - 1, {name: ndarray}.
+def strain_fields(kinematics, velocity_gradient, deformation_gradient=None):
+    """Return strain rate (m, ...), spin (...), strain (m, ...) and det F - 1, {name: ndarray}.
 
-    L_ij = d v_i/d x_j and F_ij = d x_i/d X_j, since the start, have the shape (2, 2, ...).
+    The arguments are d v_i/d x_j and F_ij = d x_i/d X_j since the start, (2, 2, ...). Tensors have
+    tensor components.
     """
-    (l11, l12), (l21, l22) = velocity_gradient
-    found = {"strain_rate_tensor": np.array([l11, l22, (l12 + l21) / 2.0]),
-             "spin": (l21 - l12) / 2.0}
+    found = {"strain_rate_tensor": kinematics.tensor(kinematics.strain_rate(velocity_gradient)),
+             "spin": kinematics.spin(velocity_gradient)[0]}
     if deformation_gradient is not None:
         (f11, f12), (f21, f22) = deformation_gradient
         found["strain_tensor"] = logarithmic_strain(deformation_gradient)
@@ -59,3 +45,5 @@ def logarithmic_strain(gradient):
     slope = np.where(ratio > 0.0, np.arctanh(safe) / safe, 1.0) / (2.0 * mean)
     volume = np.log(f11 * f22 - f12 * f21) / 2.0
     return np.array([volume + slope * half, volume - slope * half, slope * b12])
+
+COMPONENTS = 3  # TEMPORARY

@@ -109,7 +109,7 @@ def _read_fields(parameters, start, number, form, names, optional=()):
             mine, other = (getattr(of, option.name, None) for of in (parameters, stored))
             if start in option.shared and mine != other:
                 raise ParameterError(option.name, mine, f"{path} was made with {other}")
-        fields = {name: local_part(group[name], lattice.i, lattice.j) for name in wanted}
+        fields = {name: local_part(group[name], lattice.index) for name in wanted}
         for name, values in fields.items():
             if not np.isfinite(values).all():
                 refuse(f"its field {name} contains NaN or infinite values")

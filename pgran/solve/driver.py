@@ -12,11 +12,10 @@ from petsc4py import PETSc
 
 from ..options import Interrupted, ParameterError, SolutionError
 from ..space import coarse, diagnostics, galerkin, multigrid, schur
-from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
 from .controller import LEAST_SHARE, StepController
 from .energy import Balance
-from .failure import describe, name_of
+from .failure import describe, name_of, place
 from .petsc_options import check_options, matrix_type
 from .state import TimeStep, steady_residual, velocity
 from .tolerances import Tolerances
@@ -46,9 +45,9 @@ class AcceptedStep:
         if side:
             sums = diagnostics.side_integrals(grid, nodal, x, side)
         else:
-            sums = diagnostics.integrals(grid, nodal, Geometry(x[:, grid.element_nodes]))
+            sums = diagnostics.integrals(grid, nodal, grid.geometry(x))
         sums = self._comm.allreduce(sums)
-        return sums[:DIM] / sums[DIM]
+        return sums[:-1] / sums[-1]
 
     def extent(self, side):
         """Return the lengths (2,) of a side along x1 and x2, d. Collective."""
@@ -399,18 +398,19 @@ class Driver:
         """Raise an error if elements are inverted or the mesh leaves its domain."""
         nodes, owned = self.grid.nodes, self.grid.nodes.owned
         x, elements = state.x[:, owned], self.grid.element_nodes[:, self.grid.elements.owned]
-        determinants, found = least_determinant(state.x[:, elements]), None
-        out = self.case.nodes_outside(state.time, x, nodes.i[owned], nodes.j[owned])
+        element, found = self.grid.element, None
+        determinants = element.least_determinant(state.x[:, elements])
+        out = self.case.nodes_outside(state.time, x, *nodes.index[:, owned])
         if not (determinants > 0.0).all():
-            middle = state.x[:, elements[NODES // 2]]
+            middle = state.x[:, elements[element.nodes // 2]]
             found = "an element is inverted", middle[:, np.argmin(determinants)]
         elif out and out[0].any():
             found = out[1], x[:, np.argmax(out[0])]
         for what, at in filter(None, self.comm.allgather(found)):
             raise SolutionError(
-                f"the mesh becomes invalid at {self.case.label(state.time)}: {what} at x = "
-                f"({at[0]:.4g}, {at[1]:.4g}) d. What may help: an earlier end, or a smaller "
-                "@step_max or @step_error")
+                f"the mesh becomes invalid at {self.case.label(state.time)}: {what} "
+                f"{place(at)}. What may help: an earlier end, or a smaller @step_max or "
+                "@step_error")
 
     # Results
 
@@ -436,8 +436,8 @@ class Driver:
 
     def _stored_energy(self, local):
         """Return the stored energy and the volume of the last accepted state."""
-        x, stress = self.state.x[:, self.grid.element_nodes], self.state.stress
-        return diagnostics.stored_energy(self.form, local, stress, Geometry(x))
+        return diagnostics.stored_energy(self.form, local, self.state.stress,
+                                         self.grid.geometry(self.state.x))
 
     def cost(self):
         """Return the numbers of steps and iterations so far, including repeated steps."""
@@ -468,7 +468,8 @@ class Driver:
         """
         (local, _, increment), form, x = self._accepted, self.form, self.state.x
         speed, fields = velocity(form, local, x), diagnostics.nodal_fields(form, local, increment)
-        deviator = form.grid.at_nodes(self.state.stress)
-        pressure = np.multiply.outer([1.0, 1.0, 0.0], fields["pressure"])
+        kinematics = form.kinematics
+        deviator = form.grid.at_nodes(kinematics.tensor(self.state.stress))
+        pressure = np.multiply.outer(kinematics.diagonal, fields["pressure"])
         return {"coordinates": x, "velocity": speed, **fields, "deviator": deviator,
                 "stress_tensor": deviator - pressure, **diagnostics.nodal_strains(form, speed, x)}
