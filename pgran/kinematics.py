@@ -108,6 +108,16 @@ class Kinematics:
                 spin -= 0.5 * over_r[2]
         return found
 
+    def deformation_gradient(self, gradients, over_r=None):
+        """Return F (d, d, ...) of d x_c/d X_k (dim, dim, ...) and, with symmetry, x_c/R."""
+        d, shape = len(self.directions), np.shape(gradients)[2:]
+        F = np.zeros((d, d, *shape))
+        F[range(d), range(d)] = 1.0
+        F[:self.dim, :self.dim] = gradients
+        if self.axisymmetric:
+            F[2, 2] = over_r[0]
+        return F
+
     def tensor(self, mandel):
         """Return tensor components (m, ...) of Mandel components."""
         return mandel / self._shaped(mandel)

@@ -299,7 +299,7 @@ class TimeStep:
                 self._advection = Advection(form.grid, middle, x)
                 self.courant_number = self._advection.rate * dt
             gradients = form.grid.gradient(middle, 0.5 * (state.x + x))
-            self._angle = dt * form.kinematics.spin(gradients)
+            self._angle = dt * form.kinematics.spin(*gradients)
             stresses = self.transport(state)
             self._previous_stress = stresses[0]
             factor, stress = state.past_stress(dt, stresses)

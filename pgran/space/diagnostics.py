@@ -15,10 +15,10 @@ def nodal_strains(form, velocity, x):
     The strain since the start belongs to moving meshes only. ``velocity`` (c, n_nodes) is in
     d gdot0, and the nodes ``x`` (dim, n_nodes) are in d.
     """
-    grid, start = form.grid, None
+    grid, stretches = form.grid, None
     if form.case.moving:
-        start = grid.gradient(x, form.case.coordinates(*grid.nodes.index))
-    found = strain_fields(grid.kinematics, grid.gradient(velocity, x), start)
+        stretches = grid.gradient(x, form.case.coordinates(*grid.nodes.index))
+    found = strain_fields(form.kinematics, grid.gradient(velocity, x), stretches)
     return {name: grid.at_nodes(values) for name, values in found.items()}
 
 

@@ -282,6 +282,13 @@ class Grid:
         return nodal
 
     def gradient(self, values, x):
-        """Return d values_i/d x_j, (c, dim, points, n), of nodal values (c, n_nodes) on nodes x."""
-        geometry = self.geometry(x)
-        return np.array([geometry.gradient(part[self.element_nodes]) for part in values])
+        """Return d values_c/d x_k and values_c/r at the Gauss points of a mesh with nodes ``x``.
+
+        Their shapes are (c, dim, points, n) and (c, points, n) for nodal ``values`` (c, n_nodes).
+        The latter is None without rotational symmetry.
+        """
+        geometry, over_r = self.geometry(x), None
+        nodal = values[:, self.element_nodes]
+        if self.kinematics.axisymmetric:
+            over_r = (self.element.shape @ nodal) * geometry.over_r
+        return np.array([geometry.gradient(part) for part in nodal]), over_r
