@@ -12,6 +12,8 @@ With rotational symmetry it is relative to the basis e_r, e_z, e_t, which turns 
 import numpy as np
 
 ROOT = np.sqrt(2.0)
+#: Fields that are symmetric tensors.
+TENSORS = "deviator", "stress_tensor", "strain_rate_tensor", "strain_tensor"
 
 
 class Kinematics:
@@ -44,6 +46,8 @@ class Kinematics:
         velocity.
     slots : int
         Number of the derivatives along reference directions, plus one for v/r.
+    circumference : float
+        The factor of integrals, which have the weight r: 2 pi with rotational symmetry, or 1.
     turning : tuple of (int, int, int, float)
         The terms (c, a, b, sign) of the acceleration a_c = sign v_a v_b/r of the turning basis.
     """
@@ -52,6 +56,7 @@ class Kinematics:
         self.name, self.directions, self.dim = name, directions, dim
         self.components, self.velocities = tuple(components), velocities
         self.axisymmetric, self.slots = axisymmetric, dim + axisymmetric
+        self.circumference = 2.0 * np.pi if axisymmetric else 1.0
         self.labels = tuple(directions[i] + directions[j] for i, j in components)
         self.diagonal = np.array([float(i == j) for i, j in components])
         self.turning = ((0, 2, 2, -1.0), (2, 0, 2, 1.0)) if axisymmetric and velocities == 3 else ()
@@ -70,6 +75,11 @@ class Kinematics:
 
     def __len__(self):
         return len(self.components)
+
+    def sizes(self):
+        """Return the shapes of the components of fields that have any, {name: (int,)}."""
+        vectors = {"coordinates": self.dim, "velocity": self.velocities}
+        return {name: (n,) for name, n in {**vectors, **dict.fromkeys(TENSORS, len(self))}.items()}
 
     def operators(self, inverse, over_r=None):
         """Return S, [{m: (slots, points, n)}]: D_m = sum over c and slots of S[c][m] and v_c.

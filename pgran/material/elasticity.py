@@ -40,5 +40,3 @@ def logarithmic_strain(F):
     strain = (axes * (0.5 * np.log(squares))[..., None, :]) @ axes.swapaxes(-2, -1)
     return np.moveaxis(strain, (-2, -1), (0, 1))
 
-
-COMPONENTS = 3  # TEMPORARY

@@ -13,9 +13,10 @@ longest band is used.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import find_peaks
+from scipy.signal import find_peaks, peak_widths
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.stats import linregress
 
 from .reader import field_of, opened
 from .snapshots import ordered
@@ -58,21 +59,18 @@ class Stretch(NamedTuple):
 def stretches_of(number, x, I, least):
     """Return the `Stretch`es of a cut with maxima of at least ``least``, the highest first."""
     peaks, _ = find_peaks(np.pad(I, 1, constant_values=-np.inf), height=least)
-    taken, found = np.zeros(I.size, dtype=bool), []
-    for peak in sorted(peaks - 1, key=lambda node: -I[node]):
-        half = I[peak] / 2.0
-        outside = np.concatenate([[-1], np.flatnonzero(I < half), [I.size]])
-        after = np.searchsorted(outside, peak)
-        low, high = outside[after - 1] + 1, outside[after] - 1
-        if taken[low:high + 1].any():
-            continue
-        taken[low:high + 1] = True
-        ends = None
-        if low > 0 and high < I.size - 1:
-            inside, beyond = np.array([low, high]), np.array([low - 1, high + 1])
-            share = ((half - I[beyond]) / (I[inside] - I[beyond]))[:, None]
-            ends = (1.0 - share) * x[beyond] + share * x[inside]
-        found.append(Stretch(number, low, high, ends))
+    peaks = peaks[np.argsort(-I[peaks - 1], kind="stable")] - 1
+    # A prominence equal to the peak makes `peak_widths` search for half of the peak.
+    _, _, first, last = peak_widths(I, peaks, 0.5, (
+        I[peaks], np.zeros_like(peaks), np.full_like(peaks, I.size - 1)))
+    lows, highs = np.ceil(first).astype(int), np.floor(last).astype(int)
+    nodes, found, taken = np.arange(I.size), [], np.zeros(I.size, dtype=bool)
+    for low, high, positions in zip(lows, highs, np.stack([first, last], axis=1)):
+        if not taken[low:high + 1].any():
+            taken[low:high + 1] = True
+            complete = low > 0 and high < I.size - 1
+            ends = np.stack([np.interp(positions, nodes, part) for part in x.T], axis=1)
+            found.append(Stretch(number, low, high, ends if complete else None))
     return found
 
 
@@ -97,11 +95,10 @@ def segments_of(cuts):
     links = coo_matrix((np.ones(len(pairs)), (rows, columns)), shape=2 * (len(every),))
     _, component = connected_components(links, directed=False)
 
-    def similar(a, b):
-        if a.ends is None or b.ends is None:
-            return True
-        lengths = [np.hypot(*(stretch.ends[1] - stretch.ends[0])) for stretch in (a, b)]
-        return max(lengths) <= MAX_WIDTH_STEP * min(lengths)
+    def similar(*stretches):
+        lengths = [np.hypot(*np.subtract(*stretch.ends)) for stretch in stretches
+                   if stretch.ends is not None]
+        return len(lengths) < 2 or max(lengths) <= MAX_WIDTH_STEP * min(lengths)
 
     def leaves(node, links):
         if links[node]:
@@ -129,18 +126,16 @@ def straight_band(segments, I, along):
     ends = np.array([stretch.ends for stretch in stretches])
     middles = ends.mean(axis=1)
     a, b = middles[:, along], middles[:, 1 - along]
-    (slope, _), covariance = np.polyfit(a, b, 1, cov=True)
-    halves = [np.arctan(np.polyfit(a[part], b[part], 1)[0])
+    fit = linregress(a, b)
+    halves = [np.arctan(linregress(a[part], b[part]).slope)
               for part in np.array_split(np.argsort(a), 2)]
-    direction = np.ones(2)
-    direction[1 - along] = slope
-    direction /= np.hypot(*direction)
+    direction = np.roll([1.0, fit.slope], along) / np.hypot(1.0, fit.slope)
     angle = np.degrees(np.arctan2(direction[1], direction[0]))
     widths = np.abs((ends[:, 1] - ends[:, 0]) @ [-direction[1], direction[0]])
     largest = [I[stretch.low:stretch.high + 1, stretch.cut].max() for stretch in stretches]
     return {"angle": float(angle if angle <= 90.0 else angle - 180.0),
             "angle_error": float(np.degrees(np.hypot(
-                np.sqrt(covariance[0, 0]) / (1.0 + slope**2), (halves[1] - halves[0]) / 2.0))),
+                fit.stderr / (1.0 + fit.slope**2), (halves[1] - halves[0]) / 2.0))),
             "width": float(widths.mean()), "width_error": float(widths.std()),
             "centre": middles.mean(axis=0).tolist(), "length": float(np.ptp(middles @ direction)),
             "inertial_number": float(np.mean(largest))}
@@ -217,14 +212,7 @@ def _reason(first, last, found):
 
 
 def band(x, I):
-    """Return the measurements of the shear bands of a snapshot.
-
-    Parameters
-    ----------
-    x : ndarray, (ny, nx, 2)
-        Coordinates of the nodes, d.
-    I : ndarray, (ny, nx)
-        Inertial number.
+    """Return the measurements of the shear bands of I (ny, nx) at nodes ``x`` (ny, nx, 2), d.
 
     Returns
     -------
@@ -250,21 +238,18 @@ def band(x, I):
     share = area / area.sum()
     found["asymmetry"] = float(np.sqrt((share * (I - I[::-1, ::-1])**2).sum()
                                        / (share * I**2).sum()))
-    found["reason"] = _not_localised(share, I)
-    found["localised"] = not found["reason"]
-    if not found["localised"]:
-        return found
+    if reason := _not_localised(share, I):
+        return {**found, "reason": reason}
     directions = [bands_along(x, I, along) for along in (0, 1)]
     bands, _, parts = max(directions, key=lambda direction: max(
         (row["length"] for row in direction[0]), default=0.0))
+    found["localised"] = True
     if bands:
         return {**found, "bands": len(bands), "parts": parts, "each_band": bands, "reason": None,
                 **{key: bands[0][key] for key in keys}}
-    found["parts"] = max(parts for _, _, parts in directions)
-    rejected = [row for _, rows, _ in directions for row in rows]
-    found["reason"] = max(rejected, default=(0.0, "no stretch where I exceeds half of its maximum "
-                                             "continues from cut to cut"))[1]
-    return found
+    _, reason = max((row for _, rows, _ in directions for row in rows), default=(
+        0.0, "no stretch where I exceeds half of its maximum continues from cut to cut"))
+    return {**found, "parts": max(parts for _, _, parts in directions), "reason": reason}
 
 
 def _not_localised(share, I):

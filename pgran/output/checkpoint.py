@@ -28,10 +28,6 @@ def checkpoints_of(path):
     return [entry for _, entry in sorted(found, reverse=True)]
 
 
-def _lattices(grid):
-    return {"nodes": grid.nodes, "corners": grid.corners, "elements": grid.elements}
-
-
 def write(path, grid, run, step, values, arrays):
     """Write a checkpoint of the result ``path`` and remove older ones beyond `KEPT`. Collective.
 
@@ -39,10 +35,8 @@ def write(path, grid, run, step, values, arrays):
     {"nodes" | "corners" | "elements": {name: (..., n_local)}}. Raises `ParameterError` if the
     checkpoint cannot be written; the earlier ones then remain.
     """
-    lattices = _lattices(grid)
-
     def prepare():
-        sizes = {f"{kind}/{name}": lattices[kind].shape[::-1] + value.shape[:-1]
+        sizes = {f"{kind}/{name}": getattr(grid, kind).shape[::-1] + value.shape[:-1]
                  for kind, fields in arrays.items() for name, value in fields.items()}
         # Chunks at the ends of an array are stored in full: reserve twice the size of the data.
         draft = Draft(path.with_name(f"{path.stem}.checkpoint_{step:06d}.h5"),
@@ -62,7 +56,7 @@ def write(path, grid, run, step, values, arrays):
 
     files.write_draft(Disk(grid.comm.tompi4py(), "output", path), prepare, (
         entry for kind, fields in arrays.items()
-        for entry in files.blocks_of(lattices[kind], fields, f"{kind}/")), finish)
+        for entry in files.blocks_of(getattr(grid, kind), fields, f"{kind}/")), finish)
 
 
 def newest(path, run, accept, disk):
@@ -109,10 +103,10 @@ def read_arrays(file, grid, like):
 
     Raises OSError or ValueError if an array is missing, damaged, of another shape or not finite.
     """
-    arrays = {}
-    for kind, lattice in _lattices(grid).items():
-        arrays[kind] = {}
-        for name, values in like[kind].items():
+    arrays = {kind: {} for kind in like}
+    for kind, fields in like.items():
+        lattice = getattr(grid, kind)
+        for name, values in fields.items():
             data, shape = file.get(f"{kind}/{name}"), lattice.shape[::-1] + values.shape[:-1]
             if not isinstance(data, h5py.Dataset) or data.dtype.kind != "f" or data.shape != shape:
                 raise ValueError(f"{name} is not an array of {' x '.join(map(str, shape))} numbers")

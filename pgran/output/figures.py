@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import ListedColormap
-from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
 from ..material.laws.bingham import Bingham
 from ..material.laws.jop import Jop
@@ -242,8 +241,8 @@ def specimen_rates():
                           float(at_3)))
         axis.set(xscale="log", xlim=(wave[0], wave[-1]), title=title, xlabel=r"$n\pi L/H$",
                  xticks=[0.3, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0])
-        axis.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.xaxis.set_major_formatter("{x:g}")
+        axis.xaxis.set_minor_formatter("")
     sway, barrel = axes
     sway.set(yscale="log", ylim=(0.4, 1e4), ylabel=r"growth rate / $\dot\gamma^0$")
     for ratio in (1.5, 3.0, 6.0):

@@ -32,7 +32,7 @@ class Disk:
     """Operations of rank 0 on the file that is the ``value`` of the option ``name``."""
 
     def __init__(self, comm, name, value, prefix=PREFIX):
-        self.comm, self._option = comm, (name, value, prefix)
+        self.comm, self._name, self._value, self._prefix = comm, name, value, prefix
 
     def do(self, action):
         """Return ``action()`` of rank 0 on all ranks, or raise its `ParameterError` on all."""
@@ -48,8 +48,7 @@ class Disk:
         """Return the ``result`` of rank 0 on all ranks, or raise its ``error``, a text."""
         result, error = self.comm.bcast((result, error))
         if error:
-            name, value, prefix = self._option
-            raise ParameterError(name, value, error, prefix)
+            raise ParameterError(self._name, self._value, error, self._prefix)
         return result
 
 
@@ -112,10 +111,7 @@ class Lock:
 
 
 def process_identity(number=None):
-    """Return a text that identifies a running process (default: this one).
-
-    It is empty if the process has ended, or without /proc.
-    """
+    """Return the identity of a process (default: this one), empty if it ended or without /proc."""
     number = number or os.getpid()
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
@@ -135,11 +131,10 @@ def is_running(identity):
 
 
 class Draft:
-    """The next version of an HDF5 file, under a private name until it is complete.
+    """The next version of an HDF5 file, open as ``file`` under a private name until it is complete.
 
     As a context manager it is removed after an error, and stays open otherwise. ``size`` bytes are
-    reserved first, so that a full disk raises its error here and not inside HDF5. The open
-    h5py.File is ``file``.
+    reserved first, so that a full disk raises its error here and not inside HDF5.
     """
 
     def __init__(self, path, size, private_path=None):
@@ -147,10 +142,9 @@ class Draft:
         empty = io.BytesIO()
         h5py.File(empty, "w").close()
         try:
-            self._private.write_bytes(empty.getvalue())
-            with open(self._private, "r+b") as file:
-                os.posix_fallocate(file.fileno(), 0,
-                                   os.fstat(file.fileno()).st_size + size + OVERHEAD)
+            with open(self._private, "wb") as file:
+                file.write(empty.getvalue())
+                os.posix_fallocate(file.fileno(), 0, empty.getbuffer().nbytes + size + OVERHEAD)
             self.file = h5py.File(self._private, "r+", locking=False)
         except BaseException:
             self._remove()
@@ -203,18 +197,13 @@ def make_parents(path):
 
     Other missing folders raise OSError, because the path may be mistyped.
     """
+    parent = Path(path).parent
     missing = [folder for folder in Path(path).parents if not folder.exists()]
     if any(RESULTS not in folder.parts for folder in missing):
-        raise OSError(f"there is no folder {Path(path).parent}; only {RESULTS} and the folders "
-                      "below it are made")
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
+        raise OSError(f"there is no folder {parent}; only {RESULTS} and the folders below it are "
+                      "made")
+    parent.mkdir(parents=True, exist_ok=True)
     return missing
-
-
-def write_text(path, text):
-    """Write a text file atomically."""
-    private(path).write_text(text)
-    private(path).replace(path)
 
 
 def write_draft(disk, prepare, data, finish):

@@ -23,7 +23,7 @@ def picture(writer, driver):
             from .pictures import Style, panels
         except ImportError as problem:
             raise OSError(f"matplotlib is needed ({problem})") from None
-        result = SimpleNamespace(path=writer.path, closed=case.closed, case=case,
+        result = SimpleNamespace(path=writer.path, closed=case.closed, case=case, attributes={},
                                  unit=lambda name: "")
         snapshot = Snapshot(result, f"{number}", {"time": time, "label": case.label(time)})
         snapshot.keep(gathered, {"coordinates": period, name: np.zeros(2)})

@@ -89,9 +89,7 @@ def draw(axes, snapshot, name, norm, style):
         lines = [*x[::2], *np.moveaxis(x, 1, 0)[::2]]
         axes.add_collection(LineCollection(lines, colors="0.5", linewidths=0.3))
     if style.outline and snapshot.result.case.moving:
-        ny, nx = x.shape[:2]
-        i, j = (index.ravel() for index in np.meshgrid(np.arange(nx), np.arange(ny)))
-        start = np.moveaxis(snapshot.result.case.coordinates(i, j).reshape(2, ny, nx), 0, -1)
+        start = snapshot.initial_coordinates
         edge = np.concatenate([start[0], start[:, -1], start[-1, ::-1], start[::-1, 0]])
         axes.plot(*edge.T, color="0.4", linewidth=0.8, linestyle="--")
     if style.arrows:
@@ -153,8 +151,7 @@ def pictures(path, name="inertial_number", style=Style(), suffix=".png", which=N
     Returns the paths NAME_0000.png, ... or, of another quantity than I, NAME_quantity_0000.png, ...
     """
     result, written = Result(path), []
-    chosen = snapshots_of(result, which)
-    style = with_limits(style, result, name)
+    chosen, style = snapshots_of(result, which), with_limits(style, result, name)
     stem = result.path.stem if name == "inertial_number" else f"{result.path.stem}_{name}"
     for snapshot in chosen:
         written.append(result.path.with_name(f"{stem}_{snapshot.name}{suffix}"))
@@ -191,14 +188,13 @@ def along_line(snapshot, name, ends, points=400):
     ``ends`` = x1, x2 of the first point and x1, x2 of the last one, d.
     """
     first, last = np.reshape(ends, (2, 2))
-    share = np.linspace(0.0, 1.0, points)
     extended = snapshot.whole
     quads = cells(extended.x.shape[:2])
     mesh = Triangulation(*extended.x.reshape(-1, 2).T,
                          np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
-    values = LinearTriInterpolator(mesh, extended[name].ravel())(
-        *(first + share[:, None] * (last - first)).T)
-    return share * np.hypot(*(last - first)), values.filled(np.nan)
+    interpolate = LinearTriInterpolator(mesh, extended[name].ravel())
+    values = interpolate(*np.linspace(first, last, points).T)
+    return np.linspace(0.0, np.hypot(*(last - first)), points), values.filled(np.nan)
 
 
 def check_field(result, name):
@@ -303,7 +299,6 @@ def window(snapshot, name):
     if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
         raise OptionError("-show: no display; omit -show to write pictures")
     plotter = pyvista.Plotter(title=str(snapshot.result.path))
-    plotter.add_mesh(snapshot.grid(name).tessellate(), scalars=name, cmap=COLOURS,
-                     scalar_bar_args={"title": name})
+    plotter.add_mesh(snapshot.grid(name).tessellate(), scalars=name, cmap=COLOURS)
     plotter.view_xy()
     plotter.show()

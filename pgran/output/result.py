@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import cases
+from ..kinematics import SOLID, SWIRL
 from ..material.elasticity import strain_fields
 from ..options import PREFIX, ParameterError
-from ..space.element import GAUSS_TO_NODES, NODES, Geometry
+from ..space.element import Geometry, element
 from . import band
 from .connectivity import QUADRATIC, q2_elements
 from .reader import ResultError, field_of, opened, stored_parameters
@@ -38,9 +39,38 @@ def _stored(name, component=slice(None)):
     return lambda snapshot: snapshot.stored(name)[..., component]
 
 
-def _stress(component, pressure):
-    return lambda snapshot: (snapshot.stored("deviator")[..., component]
-                             - pressure * snapshot.stored("pressure"))
+def _velocity(component):
+    def of(snapshot):
+        velocity = snapshot.stored("velocity")
+        if component >= velocity.shape[-1]:
+            raise ResultError(snapshot.result.path, f"its velocity has {velocity.shape[-1]} "
+                              f"components; velocity_{component + 1} is undefined")
+        return velocity[..., component]
+
+    return of
+
+
+def _angular_velocity(snapshot):
+    if snapshot.kinematics is not SWIRL:
+        raise ResultError(snapshot.result.path, "its flow does not turn about an axis; "
+                          "angular_velocity is undefined")
+    r, v = snapshot.x[..., 0], snapshot.stored("velocity")[..., 2]
+    w = np.divide(v, r, out=np.zeros_like(v), where=r > 0.0)
+    # On the axis the limit of an even function.
+    return np.where(r > 0.0, w, (4.0 * w[:, 1:2] - w[:, 2:3]) / 3.0)
+
+
+def _stress(label):
+    def of(snapshot):
+        labels = snapshot.kinematics.labels
+        if label not in labels:
+            raise ResultError(snapshot.result.path, f"its stress has the components "
+                              f"{', '.join(labels)}; stress_{label} is undefined")
+        m = labels.index(label)
+        return (snapshot.stored("deviator")[..., m]
+                - snapshot.kinematics.diagonal[m] * snapshot.stored("pressure"))
+
+    return of
 
 
 def _strain(name):
@@ -48,13 +78,14 @@ def _strain(name):
 
 
 def _strain_rate(snapshot):
-    d11, d22, d12 = np.moveaxis(snapshot.strain_field("strain_rate_tensor"), -1, 0)
-    return np.sqrt(2.0 * (d11**2 + d22**2) + 4.0 * d12**2)
+    rate = np.moveaxis(snapshot.strain_field("strain_rate_tensor"), -1, 0)
+    return np.sqrt(2.0 * (snapshot.kinematics.mandel(rate)**2).sum(axis=0))
 
 
 def _shear_strain(snapshot):
-    h11, h22, h12 = np.moveaxis(snapshot.strain_field("strain_tensor"), -1, 0)
-    return np.hypot(h11 - h22, 2.0 * h12)
+    kinematics, strain = snapshot.kinematics, snapshot.strain_field("strain_tensor")
+    matrix = kinematics.matrix(kinematics.mandel(np.moveaxis(strain, -1, 0)))
+    return np.ptp(np.linalg.eigvalsh(np.moveaxis(matrix, (0, 1), (-2, -1))), axis=-1)
 
 
 def _above_yield(snapshot):
@@ -73,17 +104,17 @@ QUANTITIES = {name: DerivedField(*entry) for name, entry in {
     "stress_ratio": (r"\mu", "", "stress ratio tau/P", _stored("stress_ratio")),
     "above_yield": (r"\mu - \mu_s", "", "distance to yield", _above_yield),
     "speed": ("|v|", "d gdot0", "size of the velocity",
-              lambda snapshot: np.hypot(*np.moveaxis(snapshot.stored("velocity"), -1, 0))),
-    "velocity_1": ("v_1", "d gdot0", "velocity along x1", _stored("velocity", 0)),
-    "velocity_2": ("v_2", "d gdot0", "velocity along x2", _stored("velocity", 1)),
+              lambda snapshot: np.linalg.norm(snapshot.stored("velocity"), axis=-1)),
+    **{f"velocity_{c + 1}": (f"v_{c + 1}", "d gdot0", f"velocity along x{c + 1}", _velocity(c))
+       for c in range(3)},
+    "angular_velocity": (r"\omega_z", "gdot0", "angular velocity v_t/r", _angular_velocity),
     "strain_rate": (r"\dot\gamma", "gdot0", "equivalent shear rate sqrt(2 D:D)", _strain_rate),
     "spin": (r"\omega", "gdot0", "spin (d v2/d x1 - d v1/d x2)/2", _strain("spin")),
     "strain": (r"\gamma", "", "equivalent shear strain since the start, ln(l1/l2) of the "
                "principal stretches", _shear_strain),
     "volume_change": ("J - 1", "", "change of volume since the start", _strain("volume_change")),
-    "stress_11": (r"\sigma_{11}", "stress", "stress, tension positive", _stress(0, 1.0)),
-    "stress_22": (r"\sigma_{22}", "stress", "stress, tension positive", _stress(1, 1.0)),
-    "stress_12": (r"\sigma_{12}", "stress", "stress, tension positive", _stress(2, 0.0)),
+    **{f"stress_{label}": (rf"\sigma_{{{label}}}", "stress", "stress, tension positive",
+                           _stress(label)) for label in (*SOLID.labels, *SWIRL.labels)},
 }.items()}
 
 
@@ -101,17 +132,12 @@ class Result:
     ----------
     path : Path
         Absolute.
-    run : str
     attributes : dict
         Root attributes: versions, scales, and the cost of a completed run.
     parameters : pgran.options.Parameters
-        The resolved options.
-    options : dict
-        The same, {name: value}, without the prefix.
+        The resolved options; ``options`` is the same as {name: value}, without the prefix.
     history : dict
-        {name: ndarray (steps,)}, one entry per accepted step.
-    history_units : dict
-        {name: str}, units of the history; empty for a pure number.
+        {name: ndarray (steps,)}, one entry per accepted step; ``history_units`` = {name: str}.
     snapshots : list of Snapshot
 
     Raises
@@ -126,10 +152,9 @@ class Result:
             self.attributes = dict(file.attrs)
             self.run = self.attributes.get("run")
             self.parameters = stored_parameters(file)
-            history = file.get("history", {})
-            self.history = {name: data[...] for name, data in history.items()}
-            self.history_units = {name: str(data.attrs.get("unit", ""))
-                                  for name, data in history.items()}
+            columns = file.get("history", {}).items()
+            self.history = {name: data[...] for name, data in columns}
+            self.history_units = {name: str(data.attrs.get("unit", "")) for name, data in columns}
             self.snapshots = [
                 Snapshot(self, name, dict(file["snapshots"][name].attrs), target)
                 for name, target in linked(file).items()]
@@ -220,9 +245,14 @@ class Snapshot:
     @property
     def label(self):
         """The progress of the run as a text, for example "5.0 % compression"."""
-        if "steady_residual" in getattr(self.result, "attributes", ()):
+        if "steady_residual" in self.result.attributes:
             return "steady flow"
         return str(self.attributes.get("label", ""))
+
+    @property
+    def kinematics(self):
+        """The `pgran.kinematics.Kinematics` of the flow."""
+        return self.result.case.kinematics
 
     @property
     def x(self):
@@ -274,17 +304,11 @@ class Snapshot:
         return tuple(not closed and bool(np.any(shift)) for closed, shift in zip(
             self.result.closed, self.period("coordinates")))
 
-    def continued(self, axes):
-        """Return the snapshot with its first nodes repeated at the end of the periodic ``axes``.
-
-        ``axes`` are two bool, for x1 and x2. The repeated nodes belong to the next period.
-        """
-        return _Continued(self, axes) if any(axes) else self
-
     @cached_property
     def whole(self):
         """The snapshot with the first nodes repeated in all periodic directions."""
-        return self.continued(tuple(map(np.logical_or, self.result.closed, self.open_ends)))
+        axes = tuple(map(np.logical_or, self.result.closed, self.open_ends))
+        return _Continued(self, axes) if any(axes) else self
 
     def strain_field(self, name):
         """Return one of `pgran.material.elasticity.strain_fields`, (ny, nx, ...).
@@ -295,12 +319,14 @@ class Snapshot:
             return self.stored(name)
         x, velocity, since_start = self.whole.x, self.whole.stored("velocity"), None
         if name in ("strain_tensor", "volume_change"):
-            since_start = self._gradient(x, self._initial_coordinates())
-        values = strain_fields(self._gradient(velocity, x), since_start)[name]
+            since_start = self._gradient(x, self.initial_coordinates)
+        values = strain_fields(self.kinematics, self._gradient(velocity, x), since_start)[name]
         found = self._at_nodes(values)
         return found if values.ndim == 2 else np.moveaxis(found, 0, -1)
 
-    def _initial_coordinates(self):
+    @property
+    def initial_coordinates(self):
+        """Coordinates of the nodes of a moving mesh at the start, with the repeated nodes, d."""
         case, shape = self.result.case, self.whole.x.shape[:2]
         if not case.moving:
             raise ResultError(self.result.path, "its mesh is fixed; the strain since the start is "
@@ -315,15 +341,16 @@ class Snapshot:
         if min(shape) < 3 or not all(n % 2 for n in shape):
             raise ResultError(self.result.path, f"its {shape[1]} x {shape[0]} nodes do not form "
                               "elements: the file lacks the period of its grid")
-        order = sorted(range(NODES), key=QUADRATIC.__getitem__)
+        order = sorted(range(len(QUADRATIC)), key=QUADRATIC.__getitem__)
         return np.array(q2_elements(shape)[:, order].T)
 
     def _gradient(self, values, x):
-        """Gradient (2, 2, points, n) of fields (ny, nx, 2) on ``x``, with the repeated nodes."""
-        values, x = (np.moveaxis(field, -1, 0).reshape(2, -1)[:, self._elements]
+        """Gradient (c, 2, points, n) and v/r of fields (ny, nx, c), with the repeated nodes."""
+        values, x = (np.moveaxis(field, -1, 0).reshape(field.shape[-1], -1)[:, self._elements]
                      for field in (values, x))
-        geometry = Geometry(x)
-        return np.array([geometry.gradient(part) for part in values])
+        geometry = Geometry(x, axisymmetric=self.kinematics.axisymmetric)
+        over_r = None if geometry.over_r is None else element(2).shape @ values * geometry.over_r
+        return np.array([geometry.gradient(part) for part in values]), over_r
 
     def _at_nodes(self, values):
         """Means over elements (..., ny, nx) of values at the Gauss points, (..., points, n)."""
@@ -331,7 +358,7 @@ class Snapshot:
         j, i = np.divmod(self._elements, self.whole.x.shape[1])
         nodes = (j % ny * nx + i % nx).ravel()
         count = np.bincount(nodes, minlength=ny * nx)
-        found = [np.bincount(nodes, (GAUSS_TO_NODES @ part).ravel(), ny * nx) / count
+        found = [np.bincount(nodes, (element(2).gauss_to_nodes @ part).ravel(), ny * nx) / count
                  for part in values.reshape(-1, *values.shape[-2:])]
         return np.reshape(found, (*values.shape[:-2], ny, nx))
 
@@ -347,21 +374,18 @@ class Snapshot:
         """
         import pyvista
 
-        shown = self.continued(self.open_ends)
+        shown = _Continued(self, self.open_ends)
         elements = q2_elements(shown.x.shape[:2], self.result.closed)
         points = np.pad(shown.x.reshape(-1, 2), ((0, 0), (0, 1)))
-        grid = pyvista.UnstructuredGrid(
-            np.insert(elements, 0, NODES, axis=1).ravel(),
-            np.full(len(elements), pyvista.CellType.BIQUADRATIC_QUAD), points)
+        grid = pyvista.UnstructuredGrid({pyvista.CellType.BIQUADRATIC_QUAD: elements}, points)
         for name in names or self.names:
-            flat = shown[name].reshape(len(points), -1)
-            grid[name] = flat.ravel() if flat.shape[1] == 1 else (
-                np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1] == 2 else flat)
+            flat = shown[name].reshape(len(points), -1).squeeze()
+            grid[name] = np.pad(flat, ((0, 0), (0, 1))) if flat.shape[1:] == (2,) else flat
         return grid
 
 
 class _Continued(Snapshot):
-    """A snapshot with repeated nodes, see `Snapshot.continued`."""
+    """A snapshot with its first nodes repeated at the end of periodic ``axes``, bool (x1, x2)."""
 
     def __init__(self, snapshot, axes):
         super().__init__(snapshot.result, snapshot.name, snapshot.attributes)

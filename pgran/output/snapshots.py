@@ -27,11 +27,9 @@ def ordered(groups):
 
 def linked(file):
     """Return {name: file name} of the snapshots of a result; None for those inside the result."""
-    groups, found = file["snapshots"], {}
-    for name in ordered(groups):
-        link = groups.get(name, getlink=True)
-        found[name] = link.filename if isinstance(link, h5py.ExternalLink) else None
-    return found
+    groups = file["snapshots"]
+    return {name: getattr(groups.get(name, getlink=True), "filename", None)
+            for name in ordered(groups)}
 
 
 def add_link(file, name, target, ends=(False, False)):
@@ -59,9 +57,9 @@ def remove_unlinked(path, run, kept):
     these files.
     """
     extra = [entry for entry in files_of(path, run).values() if entry.name not in kept]
-    if extra and not any(_run_of(entry) == run for entry in path.parent.glob("*.h5")
-                         if entry.name != path.name and not NAME.fullmatch(entry.name)
-                         and not checkpoint.NAME.fullmatch(entry.name)):
+    results = (entry for entry in path.parent.glob("*.h5") if entry.name != path.name
+               and not NAME.fullmatch(entry.name) and not checkpoint.NAME.fullmatch(entry.name))
+    if extra and all(_run_of(entry) != run for entry in results):
         for entry in extra:
             entry.unlink()
 

@@ -7,14 +7,11 @@ import numpy as np
 
 from ..options import ParameterError
 from .files import collectively, local_part
-from .reader import FIELDS, ResultError, opened, stored_parameters
+from .reader import ResultError, opened, stored_parameters
 from .snapshots import ordered
 
 #: Prefix of the fields of the base flow of a mode.
 BASE = "base_"
-#: Root attributes that describe the end of a run.
-ENDING = {"state", "complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
-          "linear_iterations", "seconds", "memory", "ranks"}
 
 
 class Source(NamedTuple):
@@ -24,37 +21,6 @@ class Source(NamedTuple):
     run: str
     steps: int
     snapshots: int
-
-    def read(self, file, columns):
-        """Read an open result up to the checkpoint, and add its history to ``columns``.
-
-        Returns (name, time) of each snapshot, the `common_fields` of the snapshots, and the root
-        attributes except `ENDING`. Raises OSError if steps or snapshots are missing.
-        """
-        history, groups = file["history"], file["snapshots"]
-        if len(groups) < self.snapshots or any(
-                name not in history or len(history[name]) < self.steps for name in columns):
-            raise OSError(f"{self.path} does not hold the {self.steps} steps and {self.snapshots} "
-                          "snapshots before the checkpoint")
-        for name, column in columns.items():
-            column.extend(history[name][:self.steps].tolist())
-        attributes = {name: value for name, value in file.attrs.items()
-                      if name.removesuffix("_unit") not in ENDING}
-        snapshots, fields = [], None
-        for name in ordered(groups)[:self.snapshots]:
-            snapshots.append((name, float(groups[name].attrs["time"])))
-            fields = common_fields(fields, {
-                key: data.shape[2:] for key, data in groups[name].items()})
-        return snapshots, fields, attributes
-
-
-def common_fields(known, components):
-    """Return the fields except ``coordinates`` with one shape in ``known`` and in a snapshot.
-
-    Both are {name: shape of its components}; None accepts all fields of the snapshot.
-    """
-    return {name: size for name, size in components.items()
-            if name != "coordinates" and (known is None or known.get(name) == size)}
 
 
 def read_snapshot(parameters, form):
@@ -79,7 +45,8 @@ def read_mode(parameters, form):
 
 
 def _read_fields(parameters, start, number, form, names, optional=()):
-    path, lattice = getattr(parameters, start), form.grid.nodes
+    path, lattice, dim = getattr(parameters, start), form.grid.nodes, form.grid.dim
+    sizes = form.kinematics.sizes()
 
     def refuse(reason):
         raise ParameterError(start, path, reason)
@@ -93,14 +60,15 @@ def _read_fields(parameters, start, number, form, names, optional=()):
         group = file["snapshots"][found[number]]
         wanted = (*names, *(name for name in optional if name in group))
         for name in wanted:
-            size = FIELDS.get(name.removeprefix(BASE), ())
+            size = sizes.get(name.removeprefix(BASE), ())
             data = group.get(name)
-            if not isinstance(data, h5py.Dataset) or data.shape[2:] != size:
-                refuse(f"snapshot {found[number]} has no field {name} of {len(size) + 2} "
+            if not isinstance(data, h5py.Dataset) or data.shape[dim:] != size:
+                refuse(f"snapshot {found[number]} has no field {name} of {len(size) + dim} "
                        "dimensions")
-            if data.shape[:2] != lattice.shape[::-1]:
-                refuse(f"its {data.shape[1]} x {data.shape[0]} nodes are not the "
-                       f"{lattice.shape[0]} x {lattice.shape[1]} of this grid")
+            if data.shape[:dim] != lattice.shape[::-1]:
+                here, there = (" x ".join(map(str, shape)) for shape in (
+                    lattice.shape, data.shape[dim - 1::-1]))
+                refuse(f"its {there} nodes are not the {here} of this grid")
         stored = stored_parameters(file)
         if start == "mode_file" and stored.restart and not set(optional) <= set(wanted):
             refuse("its mode belongs to a deformed mesh; a run can start from modes of reference "

@@ -7,8 +7,7 @@ Vectors are padded with zeros to three components, and tensors to nine.
 import h5py
 import numpy as np
 
-from ..material.elasticity import COMPONENTS
-from ..space.element import DIM
+from ..kinematics import AXISYMMETRIC, OUT_OF_PLANE, PLANE, SOLID, TENSORS
 from .connectivity import numbers, q2_elements
 from .snapshots import REPEATED, ordered
 
@@ -16,8 +15,10 @@ from .snapshots import REPEATED, ordered
 VERSION = 2, 0
 #: VTK's number of a biquadratic quadrilateral.
 BIQUADRATIC_QUAD = 28
-#: Components of VTK's tensors that have the components 11, 22 and 12 of a plane symmetric one.
-TENSOR = (0,), (4,), (1, 3)
+#: Directions of the components of a tensor by their number.
+TENSOR = {len(kind): kind.components for kind in (PLANE, OUT_OF_PLANE, AXISYMMETRIC, SOLID)}
+#: Directions of a vector.
+VECTOR = 3
 #: Groups of ``/VTKHDF`` that link to the snapshots and to their repeated nodes, by 0, 1, ...
 NUMBERED = {"snapshots": "Snapshots", REPEATED: "Repeated"}
 
@@ -28,9 +29,8 @@ def link(file, closed=(False, False)):
     if not groups:
         return
     ends = tuple(map(all, zip(*(open_ends(group, closed) for group in groups.values()))))
-    if any(ends):
-        for name, group in groups.items():
-            repeat(group, file.require_group(f"{REPEATED}/{name}"), ends)
+    for name, group in groups.items():
+        repeat(group, file, f"{REPEATED}/{name}", ends)
     first, *more = groups.values()
     write(file, [float(group.attrs["time"]) for group in groups.values()],
           first["coordinates"].shape[:2],
@@ -45,8 +45,10 @@ def write(file, times, shape, fields, closed=(False, False), ends=(False, False)
     directions with repeated nodes, and ``fields`` = {name: shape of its components}.
     """
     elements, count = q2_elements(shape, closed, ends), len(times)
-    nodes = numbers(shape, ends).size
-    more = nodes - shape[0] * shape[1]
+    nodes, own = numbers(shape, ends).size, shape[0] * shape[1]
+    parts = {"snapshots": (shape, 0)}  # {group: shape and first number of its nodes}
+    if nodes > own:
+        parts[REPEATED] = (nodes - own,), own
     root = file.create_group("VTKHDF")
     root.attrs["Version"] = np.array(VERSION, dtype="i8")
     kind = b"UnstructuredGrid"
@@ -58,7 +60,7 @@ def write(file, times, shape, fields, closed=(False, False), ends=(False, False)
             "Offsets": np.arange(len(elements) + 1, dtype="i8") * elements.shape[1],
             "Types": np.full(len(elements), BIQUADRATIC_QUAD, dtype="u1")}.items():
         root.create_dataset(name, data=values, shuffle=True, compression="gzip")
-    for source in ("snapshots", REPEATED) if more else ("snapshots",):
+    for source in parts:
         numbered = root.create_group(NUMBERED[source])
         for number, name in enumerate(ordered(file["snapshots"])):
             numbered[str(number)] = h5py.SoftLink(f"/{source}/{name}")
@@ -69,24 +71,27 @@ def write(file, times, shape, fields, closed=(False, False), ends=(False, False)
     steps["NumberOfParts"] = zeros + 1
     steps["PartOffsets"], steps["PointOffsets"] = zeros, np.arange(count, dtype="i8") * nodes
     steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = zeros[:, None]  # one kind of cells
-    _virtual(root, "Points", "coordinates", shape, (DIM,), count, more)
+    _virtual(root, "Points", "coordinates", (2,), count, nodes, parts)
     root.create_group("PointData")
     steps.create_group("PointDataOffsets")
     for name, components in fields.items():
-        _virtual(root["PointData"], name, name, shape, components, count, more)
+        _virtual(root["PointData"], name, name, components, count, nodes, parts)
         steps["PointDataOffsets"][name] = steps["PointOffsets"]
 
 
 def open_ends(group, closed):
     """Return along which of x1 and x2 a snapshot (h5py.Group) is periodic but not closed."""
-    period = group["coordinates"].attrs.get("period", np.zeros((DIM, DIM)))
+    period = group["coordinates"].attrs.get("period", np.zeros((2, 2)))
     return tuple(not wrap and bool(np.any(shift)) for wrap, shift in zip(closed, period))
 
 
-def repeat(group, target, ends):
-    """Write the fields of a snapshot ``group`` at the repeated nodes, in the order of `numbers`."""
+def repeat(group, file, target, ends):
+    """Write the fields of a snapshot at its repeated nodes, if any, into a new group ``target``.
+
+    The nodes are in the order of `numbers`.
+    """
     for name, data in group.items():
-        along, up = data.attrs.get("period", np.zeros(DIM))
+        along, up = data.attrs.get("period", np.zeros(2))
         parts = []
         if ends[0]:
             parts.append(data[:, 0] + along)
@@ -94,36 +99,36 @@ def repeat(group, target, ends):
             parts.append(data[0] + up)
         if all(ends):
             parts.append(data[:1, 0] + along + up)
-        target[name] = np.concatenate(parts)
+        if parts:
+            file[f"{target}/{name}"] = np.concatenate(parts)
 
 
-def _virtual(root, name, field, shape, components, count, more):
+def _virtual(root, name, field, components, count, nodes, parts):
     """Create a dataset that shows a field of all snapshots one after the other.
 
-    The field is (*shape, *components) in a snapshot, and (more, *components) at its repeated nodes.
     One mapping is sufficient, because HDF5 inserts the number of the snapshot into the name of the
     source.
     """
-    nodes = shape[0] * shape[1] + more
-    width = {(DIM,): (3,), (COMPONENTS,): (9,)}.get(components, components)
+    tensor = TENSOR[components[0]] if field in TENSORS else None
+    width = (VECTOR**2,) if tensor else (VECTOR,) if components == (2,) else components
     size, maximum = (count * nodes, *width), (h5py.h5s.UNLIMITED, *width)
     properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     properties.set_layout(h5py.h5d.VIRTUAL)
     properties.set_fill_value(np.zeros(1))
-    if components == (COMPONENTS,):  # (component of VTK, number of components, own component)
-        columns = [((column,), (1,), part) for column, part in sorted(
-            (column, part) for part, positions in enumerate(TENSOR) for column in positions)]
+    if tensor:  # (component of VTK, number of components, own component)
+        columns = [((column,), (1,), own) for own, (i, j) in enumerate(tensor)
+                   for column in sorted({VECTOR * i + j, VECTOR * j + i})]
     else:
         columns = [((0,) * len(components), components, None)]
-    for source, grid, start in (("snapshots", shape, 0), (REPEATED, (more,), nodes - more)):
-        for first, block, part in columns if source != REPEATED or more else ():
+    for source, (grid, start) in parts.items():
+        for first, block, own in columns:
             rows = h5py.h5s.create_simple(size, maximum)
             ones = (1,) * len(first)
             rows.select_hyperslab((start, *first), (h5py.h5s.UNLIMITED, *ones), (nodes, *ones),
                                   (int(np.prod(grid)), *block))
             space = h5py.h5s.create_simple((*grid, *components))
-            if part is not None:
-                space.select_hyperslab((*(0 for _ in grid), part), (1,) * (len(grid) + 1),
+            if own is not None:
+                space.select_hyperslab((*(0 for _ in grid), own), (1,) * (len(grid) + 1),
                                        block=(*grid, 1))
             properties.set_virtual(
                 rows, b".", f"/VTKHDF/{NUMBERED[source]}/%b/{field}".encode(), space)

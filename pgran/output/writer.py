@@ -7,7 +7,8 @@ run that is killed at any time leaves a valid result.
 import os
 import sys
 import uuid
-from contextlib import suppress
+from contextlib import closing, suppress
+from itertools import islice
 from pathlib import Path
 from time import monotonic
 
@@ -15,6 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from .. import __version__
+from ..kinematics import TENSORS
 from ..options import PREFIX
 from . import files, snapshots as snapshot_files, vtkhdf, xdmf
 from .checkpoint import NAME, checkpoints_of
@@ -22,7 +24,7 @@ from .connectivity import cells
 from .files import Disk, Draft
 from .reader import FORMAT, opened
 from .snapshots import GROUP, REPEATED
-from .start import BASE, common_fields
+from .start import BASE
 
 #: Columns of the history of a run in time: energies (stress d^2) and volume (d^2), per unit depth.
 BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
@@ -41,6 +43,9 @@ UNITS = {"coordinates": "d", "displacement": "d", "velocity": "d gdot0", "speed"
 ATTRIBUTE_UNITS = {"growth_rate": "gdot0", "steady_residual": "stress d", "begun": "s",
                    "seconds": "s", "memory": "MB", "scale_length": "m", "scale_stress": "Pa",
                    "scale_time": "s"}
+#: Root attributes that describe the end of a run.
+ENDING = {"state", "complete", "steady_residual", "steps", "steps_repeated", "newton_iterations",
+          "linear_iterations", "seconds", "memory", "ranks"}
 #: Root attribute: number of names of snapshot files that the run has used.
 SERIAL = "snapshot_files"
 #: Upper bounds of the size of the result file per snapshot and per node, bytes.
@@ -57,15 +62,8 @@ class Writer:
     The constructor only locks the file; `begin` creates it. A file that cannot be written, or that
     another run writes, raises `ParameterError`. ``option`` = (name, prefix) is the option that
     names the file, and the observables of the case follow the ``columns`` of the history.
-
-    Attributes
-    ----------
-    kept : str or None
-        The new name of an earlier file.
-    run : str or None
-        The identifier of the run; None before `begin`.
-    snapshots : list of tuple
-        Name, time and file name of each snapshot.
+    ``run`` is the identifier of the run, ``kept`` the new name of an earlier file, and
+    ``snapshots`` is a list of tuples (name, time, file name).
     """
 
     def __init__(self, path, form, option=("output", PREFIX), columns=HISTORY):
@@ -110,46 +108,55 @@ class Writer:
             lambda: self._create(source, same, attributes))
 
     def _create(self, source, same, attributes):
-        snapshots, fields = self._copy(source) if source else ([], None)
+        # `close` may write them after an error.
+        self.snapshots, self._fields = self._copy(source) if source else ([], None)
         kept = None if same else self._rename_earlier()
-        self.snapshots, self._fields = snapshots, fields  # `close` may write them after an error
         self._set_root({
             "state": RUNNING, "process": files.process_identity(), "run": self.run,
             "format": FORMAT, "pgran_version": __version__,
             "closed": self.case.closed, "options": self.case.parameters.text(),
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
             **self.case.scales(), **attributes})
-        self._write_index(snapshots, fields)
-        snapshot_files.remove_unlinked(self.path, self.run, [entry[2] for entry in snapshots])
+        self._write_index(self.snapshots, self._fields)
+        snapshot_files.remove_unlinked(self.path, self.run, [file for *_, file in self.snapshots])
         self.path.with_suffix(".xdmf").unlink(missing_ok=True)
-        if snapshots:
-            xdmf.add(self.path, self._shape, snapshots, fields, self.case.closed)
-        return kept, snapshots, fields, self._columns
+        if self.snapshots:
+            xdmf.add(self.path, self._shape, self.snapshots, self._fields, self.case.closed)
+        return kept, self.snapshots, self._fields, self._columns
 
     def _copy(self, source):
-        """Return the snapshots of a `Source` and their common fields.
+        """Read history and root attributes of a `Source`; return its snapshots and common fields.
 
         Snapshots inside the source or in files of another run are copied into files of this run.
         """
-        snapshots = []
+        snapshots, fields = [], None
         with opened(source.path) as file:
-            found, fields, self._root = source.read(file, self._columns)
+            history, groups = file["history"], file["snapshots"]
+            if len(groups) < source.snapshots or any(
+                    name not in history or len(history[name]) < source.steps
+                    for name in self._columns):
+                raise OSError(f"{source.path} does not hold the {source.steps} steps and "
+                              f"{source.snapshots} snapshots before the checkpoint")
+            for name, column in self._columns.items():
+                column.extend(history[name][:source.steps].tolist())
+            self._root = {name: value for name, value in file.attrs.items()
+                          if name.removesuffix("_unit") not in ENDING}
             used = snapshot_files.files_of(self.path, self.run)
             self._serial = max([int(self._root.get(SERIAL, 0)), *(n + 1 for n in used)])
-            targets = snapshot_files.linked(file)
-            for name, time in found:
-                target, group = targets[name], file["snapshots"][name]
+            for name, target in islice(snapshot_files.linked(file).items(), source.snapshots):
+                group = groups[name]
                 if not target or self.run != source.run:
                     draft = self._snapshot_draft(sum(data.nbytes for data in group.values()))
                     target = draft.path.name
                     with draft:
                         file.copy(group, draft.file, GROUP)
-                        if vtkhdf.open_ends(group, self.case.closed) == self._ends:
-                            self._repeat_nodes(draft.file)
-                        else:  # format 3 has no periods
-                            self._ends = False, False
+                        if vtkhdf.open_ends(group, self.case.closed) != self._ends:
+                            self._ends = False, False  # format 3 has no periods
+                        vtkhdf.repeat(group, draft.file, REPEATED, self._ends)
                     draft.publish(flush=True)
-                snapshots.append((name, time, target))
+                snapshots.append((name, float(group.attrs["time"]), target))
+                fields = common_fields(fields, {
+                    key: data.shape[2:] for key, data in group.items()})
         return snapshots, fields
 
     def _snapshot_draft(self, size):
@@ -160,17 +167,11 @@ class Writer:
             draft.file.attrs.update({"file": path.name, "run": self.run, "format": FORMAT})
         return draft
 
-    def _repeat_nodes(self, file):
-        if any(self._ends):
-            vtkhdf.repeat(file[GROUP], file.create_group(REPEATED), self._ends)
-
     def _set_root(self, attributes):
         """Set root attributes, {name: value}, and their units."""
-        for name, value in attributes.items():
-            self._root[name] = value
-            if name in ATTRIBUTE_UNITS:
-                self._root[f"{name}_unit"] = ATTRIBUTE_UNITS[name].replace(
-                    "stress", self.case.stress_unit)
+        self._root.update(attributes)
+        self._root.update({f"{name}_unit": unit.replace("stress", self.case.stress_unit)
+                           for name, unit in ATTRIBUTE_UNITS.items() if name in attributes})
 
     def _write_index(self, snapshots, fields, flush=True):
         """Write the result file, with links to the snapshot files."""
@@ -255,13 +256,15 @@ class Writer:
                 for key, size in components.items():
                     data = group.create_dataset(key, self._shape + size, dtype="f8")
                     data.attrs["unit"] = self._unit(key)
+                    if key in TENSORS:
+                        data.attrs["components"] = self.grid.kinematics.labels
                     if key in periods:
                         data.attrs["period"] = periods[key]
             return draft
 
         def finish(draft):
             with draft:
-                self._repeat_nodes(draft.file)
+                vtkhdf.repeat(draft.file[GROUP], draft.file, REPEATED, self._ends)
             draft.publish(flush=True)
             snapshots = [*self.snapshots, (name, time, draft.path.name)]
             self._write_index(snapshots, common)
@@ -303,13 +306,19 @@ class Writer:
                     folder.rmdir()
 
 
+def common_fields(known, components):
+    """Return the fields except ``coordinates`` with one shape in ``known`` and in a snapshot.
+
+    Both are {name: shape of its components}; None accepts all fields of the snapshot.
+    """
+    return {name: size for name, size in components.items()
+            if name != "coordinates" and (known is None or known.get(name) == size)}
+
+
 def write_once(path, form, fields, option=("output", PREFIX), **attributes):
     """Write a result with one snapshot at time 0 and root ``attributes``; return its `Writer`."""
-    writer = Writer(path, form, option)
-    try:
+    with closing(Writer(path, form, option)) as writer:
         writer.begin(**attributes)
         writer.snapshot(0.0, fields)
         writer.flush(state=COMPLETE)
-    finally:
-        writer.close()
     return writer

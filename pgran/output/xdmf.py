@@ -5,12 +5,10 @@ Vectors get a third component of zero. Tensors have their components 11, 22 and 
 
 import os
 from contextlib import suppress
-from xml.etree.ElementTree import Element, SubElement, tostring
 from xml.sax.saxutils import escape
 
-from ..space.element import DIM
 from .connectivity import cells
-from .files import write_text
+from .files import private
 from .snapshots import GROUP
 
 #: Begin and end of the file.
@@ -39,7 +37,9 @@ def add(path, shape, snapshots, fields, closed=(False, False)):
             file.seek(end)
             if file.write(text) == len(text):
                 return
-    write_text(xdmf, BEGIN + grids(snapshots))
+    part = private(xdmf)
+    part.write_text(BEGIN + grids(snapshots))
+    part.replace(xdmf)
 
 
 def rename(path, new):
@@ -52,41 +52,33 @@ def rename(path, new):
 
 def _grid(path, shape, name, time, target, fields, closed):
     count, nodes = len(cells(shape, closed)), shape[0] * shape[1]
-    grid = Element("Grid", Name=name, GridType="Uniform")
-    SubElement(grid, "Time", Value=f"{time:.16g}")
-    topology = SubElement(grid, "Topology", TopologyType="Quadrilateral",
-                          NumberOfElements=str(count))
-    _array(topology, f"{path.name}:/cells", (count, 4), "Int")
-    geometry = SubElement(grid, "Geometry", GeometryType="XY")
-    _array(geometry, f"{target}:/{GROUP}/coordinates", (nodes, DIM))
+    parts = [f'<Grid Name="{name}" GridType="Uniform"><Time Value="{time:.16g}" />'
+             f'<Topology TopologyType="Quadrilateral" NumberOfElements="{count}">',
+             _array(f"{path.name}:/cells", (count, 4), "Int"),
+             '</Topology><Geometry GeometryType="XY">',
+             _array(f"{target}:/{GROUP}/coordinates", (nodes, 2)), "</Geometry>"]
     for field, components in fields.items():
-        attribute = SubElement(grid, "Attribute", Name=field, Center="Node",
-                               AttributeType="Vector" if components else "Scalar")
         dataset = f"{target}:/{GROUP}/{field}"
-        if tuple(components) == (DIM,):
-            _padded(attribute, dataset, shape)
-        else:
-            _array(attribute, dataset, (nodes, *components))
-    return tostring(grid, encoding="unicode") + "\n"
+        kind = "Matrix" if sum(components) > 3 else "Vector" if components else "Scalar"
+        parts += [f'<Attribute Name="{field}" Center="Node" AttributeType="{kind}">',
+                  _padded(dataset, shape) if tuple(components) == (2,) else
+                  _array(dataset, (nodes, *components)), "</Attribute>"]
+    return "".join(parts) + "</Grid>\n"
 
 
-def _item(parent, shape, text=None, **attributes):
-    item = SubElement(parent, "DataItem", Dimensions=" ".join(map(str, shape)), **attributes)
-    item.text = text
-    return item
+def _item(shape, attributes, content):
+    return f'<DataItem Dimensions="{" ".join(map(str, shape))}" {attributes}>{content}</DataItem>'
 
 
-def _array(parent, dataset, shape, kind="Float"):
-    """Add a dataset, FILE:/PATH. VTK does not follow external links from another file."""
-    _item(parent, shape, dataset, NumberType=kind, Precision="8", Format="HDF")
+def _array(dataset, shape, kind="Float"):
+    """Return a dataset, FILE:/PATH. VTK does not follow external links from another file."""
+    return _item(shape, f'NumberType="{kind}" Precision="8" Format="HDF"', escape(dataset))
 
 
-def _padded(parent, dataset, shape):
-    """Add a field of two components with a third component of zero."""
-    nodes = shape[0] * shape[1]
-    join = _item(parent, (nodes, 3), ItemType="Function", Function="JOIN($0, $1, 0*$0)")
-    for component in range(DIM):
-        slab = _item(join, (nodes, 1), ItemType="HyperSlab")
-        _item(slab, (3, 3), f"0 0 {component} 1 1 1 {shape[0]} {shape[1]} 1", NumberType="Int",
-              Format="XML")
-        _array(slab, dataset, (*shape, DIM))
+def _padded(dataset, shape):
+    """Return a field of two components with a third component of zero."""
+    nodes, array = shape[0] * shape[1], _array(dataset, (*shape, 2))
+    slabs = [_item((nodes, 1), 'ItemType="HyperSlab"', _item(
+        (3, 3), 'NumberType="Int" Format="XML"',
+        f"0 0 {component} 1 1 1 {shape[0]} {shape[1]} 1") + array) for component in range(2)]
+    return _item((nodes, 3), 'ItemType="Function" Function="JOIN($0, $1, 0*$0)"', "".join(slabs))

@@ -29,17 +29,24 @@ class AcceptedStep:
         self._comm = form.grid.comm.tompi4py()
 
     def reaction(self, side):
-        """Return the force (2,) on a side of the material, stress times d. Collective."""
+        """Return the force (c,) on a side of the material, stress times d or d^2. Collective."""
         return self._comm.allreduce(diagnostics.reaction(self.form.grid, self._forces, side))
 
     def torque(self, side):
-        """Return the torque about the origin on a side, stress times d^2. Collective."""
-        nodes = self._owned_nodes(side)
+        """Return the torque about the origin or the axis on a side. Collective.
+
+        It is in stress d^2 per unit depth, and with rotational symmetry in stress d^3.
+        """
+        nodes, kinematics = self._owned_nodes(side), self.form.kinematics
         x, force = self._x[:, nodes], self.form.grid.split(self._forces)[0][:, nodes]
-        return float(self._comm.allreduce((x[0] * force[1] - x[1] * force[0]).sum()))
+        if kinematics.axisymmetric:
+            arms = kinematics.circumference * x[0] * force[2]
+        else:
+            arms = x[0] * force[1] - x[1] * force[0]
+        return float(self._comm.allreduce(arms.sum()))
 
     def mean_velocity(self, side=None):
-        """Return the mean velocity (2,) of a side or of the volume, d gdot0. Collective."""
+        """Return the mean velocity (c,) of a side or of the volume, d gdot0. Collective."""
         grid, x = self.form.grid, self._x
         nodal = velocity(self.form, self._local, x)
         if side:
@@ -50,7 +57,7 @@ class AcceptedStep:
         return sums[:-1] / sums[-1]
 
     def extent(self, side):
-        """Return the lengths (2,) of a side along x1 and x2, d. Collective."""
+        """Return the lengths (dim,) of a side along the coordinates, d. Collective."""
         x = self._x[:, self._owned_nodes(side)]
         highest, lowest = np.empty(len(x)), np.empty(len(x))
         self._comm.Allreduce(x.max(axis=1, initial=-np.inf), highest, MPI.MAX)

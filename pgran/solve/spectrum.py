@@ -250,7 +250,7 @@ def write_mode(path, form, rate, mode):
             field[owned].sum(), MPI.SUM) / comm.allreduce(owned.size, MPI.SUM)
             for field, owned in ((pressure, grid.corners.owned), (fluidity, grid.nodes.owned)))
     fields = {"coordinates": case.coordinates(*grid.nodes.index), "velocity": velocity,
-              "pressure": grid.corner_field(pressure), "speed": np.hypot(*velocity)}
+              "pressure": grid.corner_field(pressure), "speed": np.linalg.norm(velocity, axis=0)}
     if grid.has_fluidity:
         fields["fluidity"] = fluidity
     if case.parameters.restart:

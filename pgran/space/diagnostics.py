@@ -72,7 +72,8 @@ def power(form, local, forces, increment):
 
     inside, dissipated = _over_elements(
         grid, increment.geometry.weight * form.collect(local, increment, densities))
-    return grid.comm.tompi4py().allreduce(np.array([received + inside, dissipated]))
+    return form.kinematics.circumference * grid.comm.tompi4py().allreduce(
+        np.array([received + inside, dissipated]))
 
 
 def stored_energy(form, local, stress, geometry):
@@ -86,7 +87,7 @@ def stored_energy(form, local, stress, geometry):
         nodal = form.grid.split(local)[0][:, form.grid.element_nodes]
         energy = energy + 0.5 * density * sum((form.element.shape @ part)**2 for part in nodal)
     sums = _over_elements(form.grid, geometry.weight * np.array([energy, np.ones_like(energy)]))
-    return form.grid.comm.tompi4py().allreduce(sums)
+    return form.kinematics.circumference * form.grid.comm.tompi4py().allreduce(sums)
 
 
 def integrals(grid, nodal, geometry):
@@ -109,7 +110,7 @@ def side_integrals(grid, nodal, x, side):
 def reaction(grid, forces, side):
     """Return the force (c,) of a side on the owned nodes, from `WeakForm.forces`."""
     nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
-    return grid.split(forces)[0][:, nodes].sum(axis=1)
+    return grid.kinematics.circumference * grid.split(forces)[0][:, nodes].sum(axis=1)
 
 
 def _over_elements(grid, values):

@@ -200,5 +200,3 @@ class Geometry:
         """Return the outward normals times area (dim, points, n) at the points of a side's rule."""
         axis, end = SIDES[side]
         return end * self.weight * self.inverse[:, axis]
-
-DIM, NODES, GAUSS_TO_NODES = 2, 9, element(2).gauss_to_nodes  # TEMPORARY
