@@ -8,7 +8,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
 modules=(sphinx myst-nb furo numpy scipy h5py matplotlib)
 wanted="$(pwd) ${modules[*]}"
-if [[ ! -f .venv-docs/pgran-ready || "$(cat .venv-docs/pgran-ready)" != "$wanted" ]]; then
+if ! is_ready .venv-docs "$wanted"; then
     install_packages python3-venv
     rm -rf .venv-docs
     /usr/bin/python3 -m venv .venv-docs

@@ -32,7 +32,7 @@ def main(arguments):
 
         return doctor.main()
     stop_request = STOP_REQUEST or Signals()
-    return start(arguments, lambda parameters, args, comm: prepared(
+    return start(arguments, lambda parameters, args, comm: Run(
         parameters, comm, stop_request).do(), __doc__, complete=partial(complete, words=arguments))
 
 
@@ -61,37 +61,32 @@ def complete(texts, words=()):
     return texts
 
 
-def prepared(parameters, comm, stop_request):
-    """Return the `Run` of the parameters before its first step. Collective.
+class Run:
+    """A run: its driver, result file, checkpoints and terminal output. Collective.
 
     ``stop_request()`` returns on each rank the reason to stop, a text, or None.
     """
-    from .options import ParameterError
-    from .space.weakform import discretise
 
-    if parameters.inertia and steady() and parameters.part("case").moving:
-        raise ParameterError("inertia", "true", "steady flow on a moving mesh is quasi-static; "
-                             "with -ts_type pseudo it must be false")
-    return Run(discretise(parameters, comm), steady(), stop_request)
-
-
-class Run:
-    """A run: its driver, result file, checkpoints and terminal output. Collective."""
-
-    def __init__(self, form, is_steady, stop_request):
+    def __init__(self, parameters, comm, stop_request):
+        from .options import ParameterError
         from .output.start import Source
         from .output.terminal import Terminal
         from .output.writer import BALANCE, HISTORY, Writer
         from .solve import state
         from .solve.driver import Driver
+        from .space.weakform import discretise
 
-        self.began, self.form, self.case = time.monotonic(), form, form.case
-        self.comm, self.parameters = form.grid.comm.tompi4py(), form.case.parameters
+        self.steady = steady()
+        if parameters.inertia and self.steady and parameters.part("case").moving:
+            raise ParameterError("inertia", "true", "steady flow on a moving mesh is quasi-static; "
+                                 "with -ts_type pseudo it must be false")
+        self.form = form = discretise(parameters, comm)
+        self.began, self.case, self.parameters = time.monotonic(), form.case, form.case.parameters
+        self.comm, self.last_checkpoint = form.grid.comm.tompi4py(), (self.began, 0)
         self.control_comm = self.comm.Dup()
-        self.steady, self.last_checkpoint = is_steady, (time.monotonic(), 0)
         self.terminal = Terminal(form.grid.comm, self.parameters.progress)
         self.source, self.checkpoint_values = None, {}
-        if is_steady:
+        if self.steady:
             first = state.steady_start(form)
         elif self.parameters.restart:
             first, values, damaged = state.checkpoint_start(form)
@@ -105,10 +100,10 @@ class Run:
         else:
             first = state.rest(form)
         self.landed = self.source.snapshots if self.source else 0
-        self.driver = Driver(form, first, self.observe, is_steady,
+        self.driver = Driver(form, first, self.observe, self.steady,
                              checkpoint=self.checkpoint_values or None,
                              stop_requested=stop_request)
-        columns = tuple(name for name in HISTORY if not is_steady or name not in BALANCE)
+        columns = tuple(name for name in HISTORY if not (self.steady and name in BALANCE))
         self.writer = Writer(self.parameters.output, form, columns=columns)
 
     def do(self):
@@ -134,10 +129,9 @@ class Run:
                 self.stop(isinstance(error, Interrupted))
                 if isinstance(error, SolutionError):
                     raise
-                path = self.writer.path
                 cure = ("there is nothing to resume from: start it again"
                         if self.steady and not driver.started else
-                        f"resume with: <same command> @restart {path}")
+                        f"resume with: <same command> @restart {self.writer.path}")
                 raise Interrupted(f"stopped by {error} at {now()}; {cure}") from None
             if not driver.started and driver.state.time > (1.0 + 1e-9) * self.case.targets[-1]:
                 raise ParameterError(
@@ -154,14 +148,14 @@ class Run:
 
     def begin(self, tried=True):
         """Create the result file; ``tried`` means that a step has used the options of PETSc."""
-        if not self.writer.run:
-            if tried:
-                report_unused(self.form.grid.comm)
-            self.writer.begin(self.source, solver_options=solver_options(),
-                              begun=time.time() - self.seconds())
-            if self.writer.kept:
-                self.terminal.say(f"  the existing {self.writer.path} is kept as "
-                                  f"{self.writer.kept}")
+        if self.writer.run:
+            return
+        if tried:
+            report_unused(self.form.grid.comm)
+        self.writer.begin(self.source, solver_options=solver_options(),
+                          begun=time.time() - self.seconds())
+        if self.writer.kept:
+            self.terminal.say(f"  the existing {self.writer.path} is kept as {self.writer.kept}")
 
     def observe(self, driver, landed, report):
         """Write and report an accepted step."""
@@ -194,8 +188,7 @@ class Run:
         then, step = self.last_checkpoint
         if self.source and not step:
             return True  # the result file may have another name than the source
-        every = self.parameters.checkpoint_steps
-        if every:
+        if every := self.parameters.checkpoint_steps:
             return self.writer.steps - step >= every
         return self.comm.bcast(
             time.monotonic() - then >= 60.0 * self.parameters.checkpoint_minutes)
@@ -221,30 +214,30 @@ class Run:
         """Write the last accepted state of a run that failed or was interrupted, and its status."""
         from .output.writer import FAILED, STOPPED
 
-        started = self.driver.started
-        if not started and (self.steady or not interrupted):
+        last = self.steady or not interrupted
+        if last and not self.driver.started:
             return  # otherwise there is a checkpoint of the start
-        self.begin(tried=started or not interrupted)
-        if started and (self.steady or not interrupted):
+        self.store(last, repeat=interrupted)
+        self.writer.flush(state=STOPPED if interrupted else FAILED)
+
+    def store(self, snapshot, repeat=True):
+        """Write a checkpoint and, if requested, a ``snapshot`` of the last accepted step."""
+        self.begin(tried=self.driver.started)
+        if snapshot and self.driver.started:
             self.writer.snapshot(self.driver.state.time, self.driver.fields())
         if not self.steady:
-            self.checkpoint(repeat=interrupted)
-        self.writer.flush(state=STOPPED if interrupted else FAILED)
+            self.checkpoint(repeat)
 
     def finish(self):
         """Write the last data of a run, and report its end."""
         from .output.writer import COMPLETE, STOPPED
 
         driver, terminal = self.driver, self.terminal
-        self.begin()
         complete = driver.controller.finished
-        if driver.started and (self.steady or not complete):
-            self.writer.snapshot(driver.state.time, driver.fields())
-        if not self.steady:
-            self.checkpoint()
-        memory = self.comm.allreduce(
-            resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024
-        cost = {**driver.cost(), "seconds": self.seconds(), "memory": memory,
+        self.begin()
+        self.store(self.steady or not complete)
+        memory = self.comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+        cost = {**driver.cost(), "seconds": self.seconds(), "memory": memory / 1024,
                 "ranks": self.comm.size}
         if self.steady:
             cost["steady_residual"] = driver.steady_residual()

@@ -18,15 +18,14 @@ and other options of SLEPc apply.
 """
 
 import sys
-from functools import partial
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from . import cases
-from .cli import JSON, REPORTED_ERRORS, as_json, command_option, report_unused, start
-from .options import OptionError
+from .cli import JSON, REPORTED_ERRORS, as_json, report_unused, start
+from .options import OptionError, command_option
 
 OPTIONS = (
     command_option("wave_vector", "floats", "wave vector A d k; default: the fastest one",
@@ -80,9 +79,7 @@ def run(parameters, args, comm):
         if args.sweep:
             sweep(parameters, args, comm, say)
             return
-        k = None
-        if waves:
-            k = np.array(args.wave_vector or spectrum.fastest(parameters))
+        k = np.array(args.wave_vector or spectrum.fastest(parameters)) if waves else None
         form, rows, modes = (linearised.spectrum(parameters, comm, args.dt) if moving else
                              spectrum.spectrum(parameters, comm, k, args.target))
         report_unused(comm)
@@ -151,15 +148,14 @@ def sweep(parameters, args, comm, say):
     path = Path(parameters.output).with_suffix(".csv")
     columns = ["k1", "k2", "computed", "analytic", "relative_error", "residual"]
     ticks = args.sweep_end * (np.arange(args.sweep) + 0.5) / args.sweep
-    errors = []
+    lines, errors = [",".join(columns)], []
 
-    def write(text, mode="a"):
+    def write():
         make_parents(path)
-        with open(path, mode) as file:
-            file.write(text)
+        path.write_text("\n".join(lines) + "\n")
 
     disk = Disk(comm.tompi4py(), "output", parameters.output)
-    disk.do(lambda: write(",".join(columns) + "\n", "w"))
+    disk.do(write)  # an error of the file ends the command before the first spectrum
     for k in product(ticks, ticks):
         rate = float(spectrum.theory(parameters, np.array(k)))
         _, rows, _ = spectrum.spectrum(parameters, comm, k, [rate + 1e-3 * abs(rate)])
@@ -170,7 +166,8 @@ def sweep(parameters, args, comm, say):
             continue
         errors.append(row["relative_error"])
         values = *k, *(row[key] for key in columns[2:])
-        disk.do(partial(write, ",".join(repr(float(value)) for value in values) + "\n"))
+        lines.append(",".join(repr(float(value)) for value in values))
+        disk.do(write)
     say(f"  {len(errors)} wave vectors of {args.sweep**2}, largest relative error "
         f"{max(errors, default=0.0):.2e}: {path}")
 

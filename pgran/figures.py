@@ -8,7 +8,8 @@ computed one. Figure 1 shows computed spectra if results/spectra_ngf.csv and spe
 
 import sys
 
-from .cli import command_option, run_without_petsc
+from .cli import run_without_petsc
+from .options import command_option
 
 OPTIONS = (command_option("output", "str", "directory of the pictures", "results/figures"),
            command_option("results", "str", "directory of the runs of figures 3 to 7",

@@ -12,8 +12,8 @@ growth rate and the rate of the creep-buckling column are printed too.
 
 import sys
 
-from .cli import JSON, as_json, command_option, report_unused, start
-from .options import OptionError, ParameterError
+from .cli import JSON, as_json, report_unused, start
+from .options import OptionError, ParameterError, command_option
 
 OPTIONS = (
     command_option("dt", "floats", "time steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True),
@@ -50,12 +50,10 @@ def run(parameters, args, comm):
         rows.append({"dt": dt, "growth_rates": [[rate.real, rate.imag] for rate, _, _ in modes],
                      "residuals": [residual for _, residual, _ in modes]})
     report_unused(comm)
-    files = ""
     if modes and args.mode:
         rate, _, mode = modes[0]
         writer, field = linearised.write_mode(args.mode, form, rate.real, mode, ("mode", ""))
         picture = spectrum.draw_mode(writer, field, f"{field} of the fastest mode")
-        files = f"  mode: {writer.path}, {writer.path.with_suffix('.xdmf')}, {picture}"
     if comm.rank:
         return
     if args.json:
@@ -63,7 +61,7 @@ def run(parameters, args, comm):
         return
     for row in rows:
         shown = "  ".join(
-            (f"{real:.6g}{imaginary:+.3g}i" if imaginary else f"{real:.6g}") + f" ({residual:.0e})"
+            f"{real:.6g}" + (f"{imaginary:+.3g}i" if imaginary else "") + f" ({residual:.0e})"
             for (real, imaginary), residual in zip(row["growth_rates"], row["residuals"]))
         print(f"  dt {row['dt']:.3g}: {shown or 'no eigenvalue converged'}")
     first = [row["growth_rates"][0][0] for row in rows if row["growth_rates"]]
@@ -76,8 +74,8 @@ def run(parameters, args, comm):
         column = specimen.column_growth_rate(**form.case.specimen)
         print(f"  analytical, rigid-viscous, sway with one half wave: {exact.real:.6g}\n"
               f"  creep-buckling column: {column:.4g}")
-    if files:
-        print(files)
+    if modes and args.mode:
+        print(f"  mode: {writer.path}, {writer.path.with_suffix('.xdmf')}, {picture}")
 
 
 if __name__ == "__main__":

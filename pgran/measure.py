@@ -7,8 +7,8 @@ the last snapshots of runs that differ only by meshes; each mesh must divide the
 
 import sys
 
-from .cli import JSON, as_json, command_option, run_without_petsc
-from .options import OptionError, plain
+from .cli import JSON, as_json, run_without_petsc
+from .options import OptionError, command_option, plain
 from .output import band
 from .output.reader import ResultError
 from .output.result import Result

@@ -17,8 +17,8 @@ Quantities:
 import sys
 from pathlib import Path
 
-from .cli import command_option, run_without_petsc
-from .options import OptionError
+from .cli import run_without_petsc
+from .options import OptionError, command_option
 from .output.result import QUANTITIES, Result
 
 OPTIONS = (

@@ -16,8 +16,8 @@ import sys
 
 import numpy as np
 
-from .cli import JSON, as_json, command_option, run_without_petsc
-from .options import OptionError
+from .cli import JSON, as_json, run_without_petsc
+from .options import OptionError, command_option
 from .theory import specimen, turning, waves
 from .theory.waves import BASE_FLOWS, Coefficients
 
@@ -81,9 +81,8 @@ def analyse(parameters, args):
     coefficients, gradient = Coefficients.of_run(parameters), read_base_flow(args.base_flow)
     N = waves.flow_direction(gradient)
     limit = waves.limit_of_stress_ratio(N)
-    found.update(base_flow=args.base_flow, stress_ratio=float(coefficients.mu),
-                 stress_ratio_limit=float(limit),
-                 well_posed_pressure=bool(coefficients.mu < limit))
+    found.update(base_flow=args.base_flow, stress_ratio=coefficients.mu, stress_ratio_limit=limit,
+                 well_posed_pressure=coefficients.mu < limit)
     if coefficients.model == "ngf_primitive":
         found["relaxation_time"] = parameters.relaxation_time
     rate = float(waves.viscous_rate(coefficients.mu, parameters.A, parameters.phi, I0))
@@ -95,11 +94,10 @@ def analyse(parameters, args):
 def posedness(law, I0):
     """Return C at an inertial number, and the ranges where LI is ill-posed with a law."""
     ranges = waves.ill_posed_ranges(law)
-    return {"C": float(waves.long_wave_excess(law, I0)),
+    return {"C": waves.long_wave_excess(law, I0),
             "well_posed": not any(low <= I0 <= high for low, high in ranges),
-            "ill_posed_ranges": [[_number(low), _number(high)] for low, high in ranges],
-            **{name: float(getattr(law, name)) for name in ("I_1", "A_minus")
-               if hasattr(law, name)}}
+            "ill_posed_ranges": ranges,
+            **{name: getattr(law, name) for name in ("I_1", "A_minus") if hasattr(law, name)}}
 
 
 def specimen_growth(parameters, args):
@@ -118,19 +116,15 @@ def specimen_growth(parameters, args):
 
 def extremes(law, coefficients, N, rate, A):
     """Return cut-off, fastest wave vector, unstable directions and critical inertial numbers."""
-    k_cut = float(waves.cutoff(coefficients, N))
+    k_cut = waves.cutoff(coefficients, N)
     k, value, m = waves.fastest(coefficients, N)
-    angles = sorted(waves.direction_angle(direction, N)
-                    for direction in waves.unstable_directions(coefficients, N))
-    return {"k_cut": _number(k_cut),
-            "cutoff_wavelength": _number(2.0 * np.pi * A / k_cut if k_cut else np.inf),
-            "fastest_growth_rate": _number(value),
-            "fastest_growth_rate_gdot0": _number(value * rate),
-            "fastest_wave_number": _number(k),
-            "fastest_angle": _number(waves.direction_angle(m, N)),
-            "fastest_directions": waves.directions(m, N).tolist() if np.isfinite(m) else [],
-            "unstable_angles": [_number(angle) for angle in angles],
-            "critical_inertial_numbers": waves.critical_inertial_numbers(law, N=N).tolist()}
+    return {"k_cut": k_cut, "cutoff_wavelength": 2.0 * np.pi * A / k_cut if k_cut else np.inf,
+            "fastest_growth_rate": value, "fastest_growth_rate_gdot0": value * rate,
+            "fastest_wave_number": k, "fastest_angle": waves.direction_angle(m, N),
+            "fastest_directions": waves.directions(m, N) if np.isfinite(m) else [],
+            "unstable_angles": sorted(waves.direction_angle(direction, N) for direction in
+                                      waves.unstable_directions(coefficients, N)),
+            "critical_inertial_numbers": waves.critical_inertial_numbers(law, N=N)}
 
 
 def wave(N, coefficients, gradient, rate, args):
@@ -140,35 +134,38 @@ def wave(N, coefficients, gradient, rate, args):
         raise OptionError(f"-wave_vector {text}: must be {len(N)} numbers")
     if not k.any():
         raise OptionError(f"-wave_vector {text}: must not be zero")
-    found = {"wave_vector": k.tolist(), "convection": args.convection,
-             "denominator": float(waves.tensor(k, N, *coefficients.r_q(k @ k))[1])}
+    found = {"wave_vector": k, "convection": args.convection,
+             "denominator": waves.tensor(k, N, *coefficients.r_q(k @ k))[1]}
     if args.convection:
         value, reduced = (function(k, N, coefficients, 1.0 / rate, gradient)[0].real for function
                           in (waves.tensor_growth_rates, waves.growth_rates))
-        found["growth_rate_incompressible"] = _number(reduced)
+        found["growth_rate_incompressible"] = reduced
     else:
         value = waves.growth_rates(k, N, coefficients)[0].real
-    found["growth_rate"] = _number(value)
+    found["growth_rate"] = value
     if coefficients.model != "ig":
-        found["growth_rate_gdot0"] = _number(value * rate)
+        found["growth_rate_gdot0"] = value * rate
     if args.amplification:
         times, logarithms = turning.amplitude(k, N, coefficients, gradient, 1.0 / rate,
                                               args.end * rate)
         largest = np.argmax(logarithms)
-        found.update(end=args.end, largest_log_amplification=float(logarithms[largest]),
-                     largest_amplification_time=float(times[largest]) / rate,
-                     final_log_amplification=float(logarithms[-1]))
+        found.update(end=args.end, largest_log_amplification=logarithms[largest],
+                     largest_amplification_time=times[largest] / rate,
+                     final_log_amplification=logarithms[-1])
     return found
 
 
-def _number(value):
-    """Return a float for JSON, None if it is infinite or NaN."""
-    return float(value) if np.isfinite(value) else None
+def plain(value):
+    """Return a value for JSON: numbers and lists of Python, and None for infinity and NaN."""
+    value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return value if isinstance(value, str) or np.isfinite(value) else None
 
 
 def run(parameters, args):
     """Print the results."""
-    found = analyse(parameters, args)
+    found = {name: plain(value) for name, value in analyse(parameters, args).items()}
     if args.json:
         print(as_json(found))
         return
@@ -184,7 +181,7 @@ def run(parameters, args):
 
 def main(arguments):
     """Analyse the command line ``arguments``; return the exit code."""
-    return run_without_petsc(arguments, "stability", run, __doc__, OPTIONS, runs=True)
+    return run_without_petsc(arguments, "stability", run, __doc__, OPTIONS)
 
 
 if __name__ == "__main__":

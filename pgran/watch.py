@@ -10,8 +10,8 @@ import time
 
 import numpy as np
 
-from .cli import command_option, run_without_petsc
-from .options import OptionError, not_among
+from .cli import run_without_petsc
+from .options import OptionError, command_option, not_among
 from .output import progress
 from .output.files import is_running
 from .output.result import Result
@@ -34,9 +34,8 @@ def curve(x, y, size=(64, 12)):
     characters = np.full((high, wide), " ")
     characters[high - 1 - scaled(y, high), scaled(x, wide)] = "*"
     marks = [f"{y.max():.3g}", *[""] * (high - 2), f"{y.min():.3g}"]
-    lines = [f"{mark:>10} |{''.join(row)}" for mark, row in zip(marks, characters)]
-    return [*lines, f"{'':>10} +{'-' * wide}",
-            f"{'':>10}  {x[0]:<12.4g}{x[-1]:>{wide - 12}.4g}"]
+    return [*(f"{mark:>10} |{''.join(row)}" for mark, row in zip(marks, characters)),
+            f"{'':>10} +{'-' * wide}", f"{'':>10}  {x[0]:<12.4g}{x[-1]:>{wide - 12}.4g}"]
 
 
 def ending(result, silence):
@@ -68,7 +67,7 @@ def look(path, column, silence):
     state = ending(result, silence)
     ended = bool(state)
     if not steps:
-        return [*lines, f"  no step; {state}" if ended else "  no step yet"], ended
+        return [*lines, f"  no step{f'; {state}' if ended else ' yet'}"], ended
     done = np.array([case.progress(time) for time in history["time"]]) / case.progress(
         case.targets[-1])
     if not ended:

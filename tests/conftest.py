@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -35,62 +34,11 @@ from pgran.runs import run_on_ranks  # noqa: E402
 run_on_ranks.SIGNALS = ()
 signal.signal(signal.SIGTERM, signal.default_int_handler)
 
-#: Seconds that a command may take on an idle machine.
-LIMIT = 240.0
-#: Start time of the fork server on an idle machine, s.
-START = 0.5
+#: Seconds after which a command counts as hanging.
+LIMIT = 600.0
 #: The slowest files. They begin first, so that the workers end at about the same time.
 LONGEST = ("test_multigrid.py", "test_runs.py", "test_restart.py", "test_flows.py",
            "test_studies.py", "test_eigen.py", "test_growth.py")
-
-
-class ForkServer:
-    """Runs ``python -m module`` in forks of a process that has imported the modules of pgran.
-
-    Its start time measures how slow this machine is at present.
-    """
-
-    def __init__(self):
-        self.line, self.environment = run_on_ranks.command(0, ROOT / "tests" / "forkserver.py")
-        begin = time.monotonic()
-        self.process = subprocess.Popen(self.line, env=self.environment, text=True,
-                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self.process.stdout.readline() == "ready\n"
-        self.slowness = max(1.0, (time.monotonic() - begin) / START)
-
-    def serves(self, arguments):
-        """Return whether a fork does the same as ``python arguments`` in a new process."""
-        line, environment = run_on_ranks.command(0)
-        return arguments[0] == "-m" and line[0] == self.line[0] and all(
-            environment.get(name) == self.environment.get(name)
-            for name in {*environment, *self.environment} if name.startswith("PYTHON"))
-
-    def run(self, module, *arguments, folder=ROOT, limit=LIMIT):
-        """Run a command in ``folder``; return the finished process."""
-        with tempfile.TemporaryDirectory() as files:
-            output, errors = (Path(files) / name for name in ("output", "errors"))
-            self.process.stdin.write(json.dumps({
-                "module": module, "arguments": list(map(str, arguments)), "folder": str(folder),
-                "environment": run_on_ranks.command(0)[1], "output": str(output),
-                "errors": str(errors), "limit": limit * self.slowness}) + "\n")
-            self.process.stdin.flush()
-            code = json.loads(self.process.stdout.readline())["code"]
-            command = ["python", "-m", module, *map(str, arguments)]
-            texts = [path.read_text() for path in (output, errors)]
-        if code is None:
-            raise subprocess.TimeoutExpired(command, limit * self.slowness, *texts)
-        return subprocess.CompletedProcess(command, code, *texts)
-
-
-@functools.cache
-def fork_server():
-    """Return the `ForkServer` of this process, started by the first call."""
-    return ForkServer()
-
-
-def allowed(seconds):
-    """Return the time limit on this machine, s, from the limit on an idle machine."""
-    return seconds * fork_server().slowness
 
 
 def pytest_collection_modifyitems(items):
@@ -100,18 +48,44 @@ def pytest_collection_modifyitems(items):
 
 def pytest_sessionfinish():
     if fork_server.cache_info().currsize:
-        fork_server().process.communicate()
+        fork_server().communicate()
+
+
+def start(ranks, *arguments, **more):
+    """Start ``python arguments`` on ranks in the background; return the process."""
+    line, environment = run_on_ranks.command(ranks, *arguments)
+    return subprocess.Popen(line, **{"env": environment, "cwd": ROOT, "text": True,
+                                     "stderr": subprocess.PIPE, **more})
+
+
+@functools.cache
+def fork_server():
+    """Return the process of ``forkserver.py``, started by the first call."""
+    return start(0, ROOT / "tests" / "forkserver.py", stdin=subprocess.PIPE, stderr=None,
+                 stdout=subprocess.PIPE)
+
+
+def run_in_fork(module, *arguments, folder=ROOT, limit=LIMIT):
+    """Run ``python -m module`` in a fork of the `fork_server`; return the finished process."""
+    server = fork_server()
+    with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
+        server.stdin.write(json.dumps({
+            "module": module, "arguments": list(map(str, arguments)), "folder": str(folder),
+            "environment": run_on_ranks.command(0)[1], "output": output.name,
+            "errors": errors.name, "limit": limit}) + "\n")
+        server.stdin.flush()
+        code = int(server.stdout.readline())
+        done = subprocess.CompletedProcess([module, *arguments], code, output.read(), errors.read())
+    assert code != -signal.SIGALRM, f"{done} did not end within {limit:.0f} s"
+    return done
 
 
 def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
-    """Run ``python arguments`` on ranks, with a limit (s) for an idle machine.
-
-    On 0 ranks, ``-m module`` runs in a fork of the `ForkServer`.
-    """
-    if not ranks and fork_server().serves(arguments):
-        done = fork_server().run(*arguments[1:], limit=limit)
+    """Run ``python arguments`` on ranks; on 0 ranks, run ``-m module`` in a fork."""
+    if not ranks and arguments[0] == "-m":
+        done = run_in_fork(*arguments[1:], limit=limit)
     else:
-        done = run_on_ranks.python(ranks, *arguments, timeout=allowed(limit), check=False,
+        done = run_on_ranks.python(ranks, *arguments, timeout=limit, check=False,
                                    text=True, cwd=ROOT, stdout=subprocess.PIPE,
                                    stderr=subprocess.PIPE)
     if check and done.returncode:
@@ -119,18 +93,33 @@ def run_ranks(ranks, *arguments, limit=LIMIT, check=True):
     return done
 
 
-def pgran(ranks, options_file, output, *arguments, **more):
-    """Run ``python -m pgran`` with an options file and options."""
-    return run_ranks(ranks, "-m", "pgran", "-options_file", ROOT / "options" / options_file,
-                     "-pgran_output", output, *arguments, **more)
+def pgran(ranks, options_file, output, *arguments, patch="", limit=LIMIT, check=True, **options):
+    """Run ``python -m pgran`` with an options file and options, after the statements ``patch``.
+
+    Strings are split at blanks, and ``name=value`` is the option ``-pgran_name value``.
+    """
+    words = [word for argument in arguments for word in (
+        argument.split() if isinstance(argument, str) else [argument])]
+    words += [word for name, value in options.items() for word in (f"-pgran_{name}", value)]
+    program = "-m", "pgran"
+    if patch:
+        program = "-c", ("import os, sys, petsc4py\npetsc4py.init()\n"
+                         f"{patch}\nfrom pgran.__main__ import main\nsys.exit(main(sys.argv))")
+    return run_ranks(ranks, *program, "-options_file", ROOT / "options" / options_file,
+                     "-pgran_output", output, *words, limit=limit, check=check)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Return the path of a result that a test writes."""
+    return tmp_path / "run.h5"
 
 
 @pytest.fixture(scope="session")
 def small_specimen(tmp_path_factory):
-    """Return the path of a result of a specimen of 8 d x 24 d with two snapshots.
+    """Return a result of a specimen of 8 d x 24 d with two snapshots, which tests do not change.
 
-    All test files use it, and must not change it. The first worker makes the run, and the others
-    wait for it.
+    The first worker makes the run, and the others wait for it.
     """
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
@@ -139,17 +128,17 @@ def small_specimen(tmp_path_factory):
     path.parent.mkdir(exist_ok=True)
     with open(path.with_suffix(".lock"), "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not path.with_suffix(".done").exists():
-            pgran(2, "biaxial.opts", path, "-pgran_width", 8, "-pgran_height", 24,
-                  "-pgran_compression", 0.002, "-pgran_snapshots", "0.001,0.002")
-            path.with_suffix(".done").touch()
+        if not path.exists():
+            pgran(2, "biaxial.opts", path, width=8, height=24, compression=0.002,
+                  snapshots="0.001,0.002")
     return path
 
 
 def refused(done, *messages):
     """Assert that a run ended with one error message that contains ``messages``."""
     assert done.returncode == 1, done.stdout + done.stderr
-    assert done.stderr.count("error: ") == 1 and "Traceback" not in done.stderr, done.stderr
+    assert done.stderr.count("error: ") == 1, done.stderr
+    assert "Traceback" not in done.stderr and "PETSC ERROR" not in done.stderr, done.stderr
     for message in messages:
         assert message in done.stderr
 

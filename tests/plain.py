@@ -1,4 +1,4 @@
-"""Reference implementation of `pgran.space.weakform` by loops over elements, points and nodes.
+"""Reference implementation of `pgran.space.weakform` by loops over elements and points.
 
 For NGF and LI, without storage.
 """
@@ -6,13 +6,6 @@ For NGF and LI, without storage.
 import numpy as np
 
 from pgran.space import element
-
-
-def shape_functions(x, q):
-    """Values (9,), gradients (2, 9) and the weight at Gauss point ``q`` of nodes ``x`` (2, 9)."""
-    slopes = element.SHAPE_SLOPE[:, q]
-    map_ = slopes @ x.T  # d x_i / d xi_r, (r, i)
-    return element.SHAPE[q], np.linalg.solve(map_, slopes), element.WEIGHTS[q] * np.linalg.det(map_)
 
 
 def element_arrays(form, local, increment, e):
@@ -25,15 +18,14 @@ def element_arrays(form, local, increment, e):
     base = form.case.base_gradient
     forces, tangent = np.zeros(n), np.zeros((n, n))
     for q in range(9):
-        value, slope, weight = shape_functions(x, q)
-        corner = element.CORNER_SHAPE[q]
+        jacobian = element.SHAPE_SLOPE[:, q] @ x.T  # d x_i / d xi_r, (r, i)
+        slope = np.linalg.solve(jacobian, element.SHAPE_SLOPE[:, q])
+        weight = element.WEIGHTS[q] * np.linalg.det(jacobian)
         # Rows of B take the unknowns to D11, D22, D12.
         B, corners = np.zeros((3, n)), np.zeros(n)
-        for a in range(9):
-            B[0, a] = slope[0, a]
-            B[1, 9 + a] = slope[1, a]
-            B[2, a], B[2, 9 + a] = slope[1, a] / 2.0, slope[0, a] / 2.0
-        corners[-4:] = corner
+        B[0, :9], B[1, 9:18] = slope
+        B[2, :9], B[2, 9:18] = slope[1] / 2.0, slope[0] / 2.0
+        corners[-4:] = element.CORNER_SHAPE[q]
         D = B @ nodal + [base[0, 0], base[1, 1], (base[0, 1] + base[1, 0]) / 2.0]
         effective = D + increment.theta / 2.0 * increment.stress[:, q, e]
         gdot = np.sqrt(2.0 * (effective[0]**2 + effective[1]**2) + 4.0 * effective[2]**2)
@@ -44,7 +36,7 @@ def element_arrays(form, local, increment, e):
         gdot_rate = (direction * twice) @ B          # d gdot~ / d unknowns
         g, fluidities = np.zeros(n), np.zeros((2, n))
         if grid.has_fluidity:
-            g[18:27], fluidities[:, 18:27] = value, slope
+            g[18:27], fluidities[:, 18:27] = element.SHAPE[q], slope
         r = material.model.response(law, *(np.array([part]) for part in (s, gdot, P, g @ nodal)),
                                     increment.theta)
         viscosity = r.viscosity
@@ -71,10 +63,8 @@ def assembled(form, local, increment):
         unknowns = grid.element_unknowns[:, e]
         with np.errstate(invalid="ignore", divide="ignore"):
             part, block = element_arrays(form, local, increment, e)
-        for a, row in enumerate(unknowns):
-            forces[row] += part[a]
-            for b, column in enumerate(unknowns):
-                tangent[row, column] += block[a, b]
+        np.add.at(forces, unknowns, part)
+        np.add.at(tangent, np.ix_(unknowns, unknowns), block)
     grid.split(forces)[0][:] -= increment.load
     forces[held] = (values - increment.prescribed)[held]
     tangent[held], tangent[:, held] = 0.0, 0.0

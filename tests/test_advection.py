@@ -3,6 +3,8 @@
 All tests without runs pass on any number of ranks.
 """
 
+from functools import partial
+
 import h5py
 import numpy as np
 import pytest
@@ -24,9 +26,9 @@ def nodes_of(grid):
     return np.array([grid.nodes.i, grid.nodes.j]) / 2.0
 
 
-def at_points(grid, x, function):
-    """Values of ``function(x)`` at the Gauss points of the local elements, (..., points, n)."""
-    return function(np.array([SHAPE @ part[grid.element_nodes] for part in x]))
+def at_points(grid, x):
+    """Coordinates of the Gauss points of the local elements, (2, points, n)."""
+    return np.array([SHAPE @ part[grid.element_nodes] for part in x])
 
 
 def owned(grid, values):
@@ -35,18 +37,11 @@ def owned(grid, values):
 
 # Flows: the grid, its nodes and the velocity
 
-def straight(comm, slope=0.0):
-    """Uniform flow along a periodic layer of squares, or obliquely through its walls."""
-    grid = Grid(comm, (6, 4), (True, False))
+def uniform(comm, slope, shape=(6, 4), periodic=(True, False)):
+    """Uniform flow through squares, by default along a periodic layer or through its walls."""
+    grid = Grid(comm, shape, periodic)
     x = nodes_of(grid)
     return grid, x, np.array([np.ones_like(x[0]), np.full_like(x[0], slope)])
-
-
-def channel(comm):
-    """Oblique flow through a piece of squares with inflow and outflow on all sides."""
-    grid = Grid(comm, (5, 4))
-    x = nodes_of(grid)
-    return grid, x, np.array([np.ones_like(x[0]), np.full_like(x[0], -0.7)])
 
 
 def distorted(comm, n=6):
@@ -74,11 +69,11 @@ def vortex(comm):
     return grid, x, 0.1 * np.array([a * c * (d - b), -b * d * (c - a)])
 
 
-FLOWS = {"straight": straight, "oblique": lambda comm: straight(comm, slope=0.7),
+#: Inflow and outflow on all sides.
+channel = partial(uniform, slope=-0.7, shape=(5, 4), periodic=(False, False))
+FLOWS = {"straight": partial(uniform, slope=0.0), "oblique": partial(uniform, slope=0.7),
          "channel": channel, "distorted": distorted, "ring": ring, "vortex": vortex}
 
-
-# Stability
 
 @pytest.mark.parametrize("courant", [0.01, 0.2, 1.0, 2.5])
 @pytest.mark.parametrize("flow", FLOWS)
@@ -94,8 +89,6 @@ def test_no_disturbance_grows_at_any_courant_number(flow, courant):
     assert np.abs(many).sum(axis=1).max() < 4.0  # algebraic growth is excluded too
 
 
-# Accuracy
-
 @pytest.mark.parametrize("courant", [0.3, 1.2])
 def test_a_smooth_field_is_transported_with_third_order(courant):
     def exact(x, t):
@@ -106,11 +99,11 @@ def test_a_smooth_field_is_transported_with_third_order(courant):
     for n in (16, 32):
         grid, x, velocity = distorted(PETSc.COMM_WORLD, n)
         scheme = Advection(grid, velocity, x)
-        steps = round(scheme.rate / courant)
-        fields = at_points(grid, x, lambda x: exact(x, 0.0))[None]
+        steps, points = round(scheme.rate / courant), at_points(grid, x)
+        fields = exact(points, 0.0)[None]
         for _ in range(steps):
             fields = scheme.advect(fields, 1.0 / steps)
-        error = owned(grid, fields[0] - at_points(grid, x, lambda x: exact(x, 1.0)))
+        error = owned(grid, fields[0] - exact(points, 1.0))
         errors.append(COMM.allreduce(np.abs(error).max(initial=0.0), MPI.MAX))
     assert errors[1] < 2e-3
     assert np.log2(errors[0] / errors[1]) > 2.7
@@ -118,9 +111,8 @@ def test_a_smooth_field_is_transported_with_third_order(courant):
 
 def test_entering_material_has_the_mean_of_the_element_that_it_enters():
     grid, x, velocity = channel(PETSc.COMM_WORLD)
-    scheme = Advection(grid, velocity, x)
-    start = at_points(grid, x, lambda x: (x[0] + 0.5 * np.cos(3.0 * x[1]))[None])
-    fields = start
+    scheme, points = Advection(grid, velocity, x), at_points(grid, x)
+    fields = (points[0] + 0.5 * np.cos(3.0 * points[1]))[None]
     for _ in range(60):
         fields = scheme.advect(fields, 1.0)
     inside = owned(grid, fields)
@@ -135,8 +127,8 @@ def test_integrals_and_uniform_fields_are_conserved_on_any_number_of_ranks(flow)
     found = []
     for comm in PETSc.COMM_SELF, PETSc.COMM_WORLD:
         grid, x, velocity = FLOWS[flow](comm)
-        start = at_points(grid, x, lambda x: np.array(
-            [3.0 + np.sin(x[0]) * x[1], x[1]**2, np.full_like(x[0], -2.0)]))
+        x1, x2 = at_points(grid, x)
+        start = np.array([3.0 + np.sin(x1) * x2, x2**2, np.full_like(x1, -2.0)])
         scheme = Advection(grid, velocity, x)
         end = scheme.advect(start, 0.7)
         found.append((grid, scheme.rate, end))
@@ -155,8 +147,6 @@ def test_integrals_and_uniform_fields_are_conserved_on_any_number_of_ranks(flow)
     np.testing.assert_allclose(part, table[..., grid.element_j % ny, grid.element_i % nx],
                                atol=1e-13)
 
-
-# In a time step
 
 def test_transport_and_rotation_of_stress_have_second_order_in_time():
     form = discretised(case="planar_shear", width=4, height=4, element_size=0.5)
@@ -183,13 +173,12 @@ def test_both_stresses_of_a_state_are_transported_and_rotated():
     form = discretised(case="annular_shear", inner_radius=3, outer_radius=6, element_size=1)
     grid = form.grid
     x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    local = grid.join([-x[1], x[0]], 1.0, 1.0)
-    dt = 0.1
+    local, dt = grid.join([-x[1], x[0]], 1.0, 1.0), 0.1
+    x1, x2 = at_points(grid, x)
 
     def turned(t):
         """A tensor S(r, angle) = R(angle/2) S(r) of a ring after the ring has turned by t."""
-        radius = at_points(grid, x, lambda x: np.hypot(*x) / 6.0)
-        angle = at_points(grid, x, lambda x: np.arctan2(x[1], x[0]))
+        radius, angle = np.hypot(x1, x2) / 6.0, np.arctan2(x2, x1)
         return rotate(np.array([radius, -radius, 0.3 + 0.0 * radius]), t + (angle - t) / 2.0)
 
     state = State(0.0, x, local, turned(0.0), dt, 2.0 * turned(0.0), np.zeros_like(local))
@@ -203,8 +192,6 @@ def test_both_stresses_of_a_state_are_transported_and_rotated():
     assert step.courant_number == pytest.approx(
         dt * grid.shape[0] / (2.0 * np.pi), rel=0.02)  # rigid: the angle per element
 
-
-# Runs
 
 def test_a_chute_stays_uniform_along_its_flow(tmp_path):
     path, end, dt = tmp_path / "chute.h5", 60.0, 0.5

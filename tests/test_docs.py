@@ -1,16 +1,19 @@
-"""Documentation: links, equations, commands and files that the pages name exist."""
+"""What the pages name exists, the examples run at a tiny size, and the notebooks show them."""
 
-import importlib
+import json
+import pkgutil
 import re
-from functools import reduce
+import runpy
+import sys
 
+import matplotlib
 import pytest
 from conftest import ROOT
 
+import pgran
+
 PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md"])
 COMMANDS = {path.stem for path in (ROOT / "pgran").glob("*.py")} | {"cases", "runs"}
-#: Pages that may have more than 250 lines.
-LONG = "validation.md", "options.md"
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
@@ -41,24 +44,12 @@ def test_every_page_and_notebook_is_in_the_site():
     assert {page for page in pages if not page.startswith("generated/")} - {"index"} == listed
 
 
-@each_page
-def test_pages_are_short(page):
-    assert page.name in LONG or len(page.read_text().splitlines()) <= 250
-
-
 def test_the_function_of_every_equation_exists():
     model, = ROOT.glob("docs/**/model.md")
     names = re.findall(r"^\| .* \| `(pgran[\w.]+)` \|$", model.read_text(), re.MULTILINE)
     assert len(names) > 15
     for name in names:
-        parts = name.split(".")
-        for count in range(len(parts), 0, -1):
-            try:
-                module = importlib.import_module(".".join(parts[:count]))
-                break
-            except ModuleNotFoundError:
-                continue
-        reduce(getattr, parts[count:], module)
+        pkgutil.resolve_name(name)
 
 
 @each_page
@@ -69,3 +60,42 @@ def test_commands_and_files_exist(page):
     files = r"(?<![\w/])(?:jobs|options|docs)/[\w/]+\.(?:sh|py|opts|slurm|def)\b"
     for name in re.findall(files, text):
         assert (ROOT / name).exists(), name
+
+
+EXAMPLES = ROOT / "docs" / "examples"
+SMALL = {"width": 8, "height": 24}
+#: Options for tiny runs of each example, and what it prints.
+TINY = {
+    "band": ({**SMALL, "compression": 0.002, "snapshots": [0.001, 0.002]}, "2 snapshots, complete"),
+    "own_law": ({**SMALL, "compression": 0.002, "snapshots": [0.002]}, "0.2 % compression: I from"),
+    "sweep": ({**SMALL, "compression": 0.001, "snapshots": [0.001]}, "| 0.03 | True |"),
+    "band_theory": ({}, "waves longer than 25.4 d grow"),
+    "stopping_slope": ({}, "0.9 H_stop: the surface moves at")}
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_an_example_runs_and_prints_its_result(name, tmp_path, monkeypatch, capsys):
+    matplotlib.use("Agg")
+    tiny, wanted = TINY[name]
+    for command in (pgran.run, pgran.sweep):
+        monkeypatch.setattr(pgran, command.__name__, lambda first=None, command=command, **given:
+                            command(first, **{**given, **tiny}))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    (tmp_path / "results").mkdir()
+    runpy.run_path(str(EXAMPLES / f"{name}.py"))
+    assert wanted in capsys.readouterr().out
+    sys.modules.pop("power_law", None)
+
+
+def test_notebooks_agree_with_the_scripts(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    import notebooks
+
+    paths = notebooks.scripts()
+    assert {path.stem for path in paths} == set(TINY)
+    for path in paths:
+        book = json.loads(path.with_suffix(".ipynb").read_text())
+        found = [(cell["cell_type"], cell["source"]) for cell in book["cells"]]
+        assert found == notebooks.cells(path.read_text()), path
+        assert any(cell.get("outputs") for cell in book["cells"]), path

@@ -71,26 +71,25 @@ def test_derivatives_agree_with_differences(model, name, theta):
             ok &= np.abs(exact.stress_ratio - law.mu_s) > 1e-3
         if model != "li":
             ok &= np.isfinite(exact.source.value) & (exact.stress_ratio < 0.6)
-    gdot, P, g = gdot[ok], P[ok], g[ok]
-    exact = response(gdot, P, g)
-    assert gdot.size > 20
-    for quantity in ("viscosity", "source") if model != "li" else ("viscosity",):
-        for number, suffix in enumerate(("rate", "pressure", "fluidity")):
-            arguments = [np.array([gdot, P, g]) for _ in range(2)]
-            size = 1e-6 * arguments[0][number]
-            arguments[0][number] += size
-            arguments[1][number] -= size
-            high, low = (getattr(response(*a), quantity).value for a in arguments)
-            slope = getattr(getattr(exact, quantity), suffix) + 0.0 * gdot
+    point = np.array([gdot, P, g])[:, ok]
+    exact = response(*point)
+    assert point.shape[1] > 20
+    for number, suffix in enumerate(("rate", "pressure", "fluidity")):
+        step = 1e-6 * point * np.eye(3)[number][:, None]
+        high, low = response(*(point + step)), response(*(point - step))
+        for quantity in ("viscosity", "source") if model != "li" else ("viscosity",):
+            change = getattr(high, quantity).value - getattr(low, quantity).value
+            slope = getattr(getattr(exact, quantity), suffix) + 0.0 * change
             scale = np.abs(slope).max() + 1.0
-            np.testing.assert_allclose(slope / scale, (high - low) / (2.0 * size) / scale,
+            np.testing.assert_allclose(slope / scale, change / (2.0 * step[number]) / scale,
                                        atol=1e-6)
 
 
+@pytest.mark.parametrize("theta", [1e-4, 0.8, 1e3])
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_elastic_return_of_li_shares_the_rate_between_flow_and_elasticity(law):
+def test_elastic_return_of_li_shares_the_rate_between_flow_and_elasticity(law, theta):
     gdot, P, _ = random_points()
-    theta, s = 0.8, np.sqrt(P) / 0.01
+    s = np.sqrt(P) / 0.01
     response = MODELS["li"].response(law, s, gdot, P, None, theta)
     plastic = s * response.inertial_number
     np.testing.assert_allclose(response.fluidity * response.stress_ratio, plastic, rtol=1e-12)
@@ -112,8 +111,6 @@ def test_homogeneous_state_agrees_with_section_4():
     with pytest.raises(ParameterError, match="inertial_number 1: .* below 1"):
         cases.create(parameters(inertial_number=1))
 
-
-# Dynamic NGF
 
 @pytest.mark.parametrize("law", NON_LOCAL.values(), ids=NON_LOCAL)
 def test_uniform_dynamic_flow_has_the_local_fluidity_and_the_linearised_source_of_ngf(law):
@@ -158,13 +155,6 @@ def test_zero_fluidity_is_a_dynamic_solution_at_every_stress(law):
     assert above.any() and (np.sign(response.source.fluidity) == np.where(above, -1.0, 1.0)).all()
 
 
-def test_relaxation_time_defaults_to_the_inertial_time_of_the_grains():
-    for given, time in (({}, 1e-3), ({"inertial_number": 0.03}, 0.03),
-                        ({"relaxation_time": 0.2}, 0.2)):
-        p = parameters(model="ngf_primitive", **given)
-        assert p.part("model").of(p).storage == {"fluidity": time}
-
-
 class Shorter(Bingham):
     """The Bingham law with half the cooperativity length."""
 
@@ -178,27 +168,18 @@ def test_a_length_that_changes_the_uniform_fluidity_is_refused():
     parameters(model="ngf", law=f"{__file__}:Shorter")
 
 
-# The law of Barker and Gray, and ill-posedness
-
 @pytest.mark.parametrize("given, I_1, upper, A_minus, regularised", [
-    ((0.342, 0.557, 0.069), "0.00397178", "0.280166", "15642.41", "16.9919"),
-    ((0.3819, 0.6435, 0.279), "0.0193578", "0.85205", "2962.49", "14.9104")])
+    ((0.342, 0.557, 0.069), 0.00397178, 0.280166, 15642.41, 16.9919),
+    ((0.3819, 0.6435, 0.279), 0.0193578, 0.85205, 2962.49, 14.9104)])
 def test_barker_gray_has_known_numbers(given, I_1, upper, A_minus, regularised):
     mu_s, mu_2, I_0 = given
     jop, law = Jop(mu_s, mu_2, (mu_2 - mu_s) / I_0), BarkerGray(*given)
-
-    def roots(law):
-        return laws.sign_changes(lambda I: laws.ill_posedness(law, I), 1e-12, 1e4)
-
-    def digits(number, text):
-        return f"{number:.{len(text.replace('.', '').lstrip('0'))}g}" == text
-
-    lower, higher = roots(jop)
-    assert digits(lower, I_1) and digits(higher, upper)
-    assert law.I_1 == pytest.approx(lower, rel=1e-14)
-    assert digits(float(law.A_minus), A_minus)
-    end, = roots(law)  # well-posed from 0 on
-    assert digits(end, regularised)
+    lower, end = (laws.sign_changes(lambda I: laws.ill_posedness(kind, I), 1e-12, 1e4)
+                  for kind in (jop, law))
+    assert lower == pytest.approx([I_1, upper], rel=3e-6)
+    assert law.I_1 == pytest.approx(lower[0], rel=1e-14)
+    assert law.A_minus == pytest.approx(A_minus, rel=3e-6)
+    assert end == pytest.approx([regularised], rel=3e-6)  # well-posed from 0 on
 
 
 def test_barker_gray_is_continuous_and_well_posed_at_rest_only_below_alpha_2():
@@ -210,17 +191,6 @@ def test_barker_gray_is_continuous_and_well_posed_at_rest_only_below_alpha_2():
         other = BarkerGray(0.3819, 0.6435, 0.279, alpha=alpha)
         C = laws.ill_posedness(other, I)
         assert (np.sign(C) == sign).all()
-
-
-def test_default_elastic_return_agrees_with_the_closed_form():
-    gdot, P, _ = random_points()
-    s = np.sqrt(P) / 0.01
-    for law in NON_LOCAL.values():
-        for theta in (0.0, 1e-4, 1.0, 1e3):
-            flowing = gdot > theta * P * law.mu_s
-            found = laws.Law.elastic_stress_ratio(law, gdot, s, theta * P)
-            exact = law.elastic_stress_ratio(gdot, s, theta * P)
-            np.testing.assert_allclose(found[flowing], exact[flowing], rtol=1e-12)
 
 
 def test_stress_is_rotated_as_a_tensor():

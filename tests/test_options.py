@@ -4,31 +4,31 @@ import os
 import re
 import sys
 
+import numpy as np
 import pytest
-from conftest import ROOT, parameters, pgran, refused, run_ranks
+from conftest import ROOT, parameters, pgran, run_ranks
 
 from pgran import cases, cli, options
 from pgran.options.files import combined_options, default_solver, read_file, shipped
+from pgran.output.result import Result
 
 OPTIONS = [(kind, option) for kind, group in [("run", options.RUN)] + [
     (f"{part.name} {name}", part.load(name).options) for part in cases.KINDS for name in part.names]
     for option in group]
 
 
+REFERENCE = "".join(page.read_text() for page in (ROOT / "docs").rglob("options.md"))
+
+
 @pytest.mark.parametrize("option", [option for _, option in OPTIONS],
                          ids=[f"{kind}-{option.name}" for kind, option in OPTIONS])
 def test_every_option_is_documented(option):
-    assert option.kind in ("float", "int", "bool", "str", "floats")
     assert len(option.meaning) > 10
     assert option.unit or option.kind != "float" or option.default is not None
     if option.default is not None and option.kind != "str":
         assert option.parse(options.plain(option.default)) == option.default
     assert f"-pgran_{option.name} " in options.help_text([option])
-
-
-def test_the_documentation_has_every_option():
-    pages = "".join(page.read_text() for page in (ROOT / "docs").rglob("options.md"))
-    assert not [option.name for _, option in OPTIONS if f"`-pgran_{option.name}`" not in pages]
+    assert f"`-pgran_{option.name}`" in REFERENCE
 
 
 @pytest.mark.parametrize("given, message", [
@@ -111,80 +111,46 @@ def test_options_files_include_others_and_the_command_line_overrides_them(tmp_pa
 
 def test_the_default_solver_suits_the_flow():
     def solver(**given):
-        path, texts = default_solver({**{f"pgran_{n}": t for n, t in given.items() if n != "ts"},
-                                      **({"ts_type": given["ts"]} if "ts" in given else {})})
+        path, texts = default_solver({f"pgran_{name}" if name != "ts_type" else name: text
+                                      for name, text in given.items()})
         return path.stem, texts
 
     direct = read_file(shipped("solver_lu"))
     assert solver(model="li") == ("solver_lu", direct) == solver(case="x.py:Case")
     assert solver()[0] == solver(model="ngf_primitive")[0] == "biaxial"
     assert solver()[1]["pgran_tolerance_full_deviation"] == "1"
-    assert solver(ts="pseudo")[0] == "steady"
-    name, texts = solver(case="planar_shear", ts="pseudo", model="li")
+    assert solver(ts_type="pseudo")[0] == "steady"
+    name, texts = solver(case="planar_shear", ts_type="pseudo", model="li")
     assert name == "planar_shear" and texts["ts_max_steps"] == "200" and "ts_type" not in texts
     assert default_solver({"pc_type": "lu"}) == (None, {}) and shipped("nosuch") is None
 
 
 def test_help_lists_the_options_of_case_law_and_model():
     given = "-pgran_case", "periodic", "-pgran_law", "jop", "-pgran_model", "li"
-    text = run_ranks(0, "-m", "pgran", *given, "-help", "all", limit=60).stdout
+    text = run_ranks(0, "-m", "pgran", *given, "-help", "all").stdout
     found = parameters(case="periodic", law="jop", model="li").options
     assert options.help_text(found) in text
 
 
-CASE = """
-import numpy as np
-from pgran.cases import Case
+def test_a_new_module_gives_a_case_its_name_and_its_options(tmp_path, monkeypatch):
+    (tmp_path / "layer.py").write_text("""
+from pgran.cases.biaxial import Biaxial
 from pgran.options import positive
-class Cell(Case):
-    shape = 2, 3
-    def coordinates(self, i, j):
-        return np.array([i, j]) / 2.0
-    options = positive("depth", 2.0, "d", "depth of the layer"),
-class Lacking(Case):
-    def coordinates(self, i, j):
-        return np.array([i, j])
-class Crooked(Cell):
-    shape = 2, 0
-class Old(Cell):
-    rows = ()
-"""
+class Layer(Biaxial):
+    options = *Biaxial.options, positive("depth", 2.0, "d", "depth of the layer")
+""")
+    monkeypatch.setattr(cases, "__path__", [*cases.__path__, str(tmp_path)])
+    assert parameters(case="layer", depth=3).depth == 3.0 and "layer" in cases.CASES.names
+    with pytest.raises(options.OptionError, match="this option belongs to -pgran_case layer"):
+        parameters(depth=3)
 
 
-@pytest.mark.parametrize("name, message", [
-    ("Lacking", "flow.py:Lacking: Lacking lacks shape"),
-    ("Crooked", "its shape is (2, 0)"), ("Old", "rows of Old is now options"),
-    ("None", "has no class None; it has Cell, Lacking, Crooked, Old"),
-    ("np", "np is not a subclass of pgran.cases.Case")])
-def test_an_invalid_user_defined_case_is_reported_on_one_line(tmp_path, name, message):
-    (tmp_path / "flow.py").write_text(CASE)
-    done = run_ranks(0, "-m", "pgran", "-pgran_output", tmp_path / "x.h5", "-pgran_case",
-                     f"{tmp_path}/flow.py:{name}", limit=60, check=False)
-    refused(done, message)
-
-
-def test_a_new_module_gives_a_case_its_name_and_its_options(tmp_path):
-    (tmp_path / "layer.py").write_text(CASE.split("class Lacking")[0])
-    code = ("import sys, pgran.cases as c; c.__path__.append(sys.argv[1]); "
-            "case = c.create(c.read({'pgran_case': 'layer', 'pgran_depth': '3'})); "
-            "assert case.parameters.depth == 3.0 and 'layer' in c.CASES.names\n"
-            "try: c.read({'pgran_depth': '3'})\n"
-            "except ValueError as error: print(error)")
-    output = run_ranks(0, "-c", code, tmp_path).stdout
-    assert "this option belongs to -pgran_case layer" in output
-
-
-def test_the_example_of_a_user_defined_case_is_in_equilibrium(tmp_path):
-    import h5py
-    import numpy as np
-
-    path = tmp_path / "x.h5"
+def test_the_example_of_a_user_defined_case_is_in_equilibrium(path):
     pgran(2, "own_case.opts", path)
-    with h5py.File(path) as file:
-        stress = file["history/shear_stress"][-1]
-        fields = {name: data[...] for name, data in file["snapshots/0000"].items()}
-    y = fields["coordinates"][..., 1]
-    np.testing.assert_allclose(fields["pressure"], 1.0 + 0.005 * (20.0 - y), rtol=1e-9)
+    result = Result(path)
+    fields, stress = result.snapshots[0], result.history["shear_stress"][-1]
+    np.testing.assert_allclose(fields["pressure"], 1.0 + 0.005 * (20.0 - fields.x[..., 1]),
+                               rtol=1e-9)
     np.testing.assert_allclose(fields["deviator"][..., 2], stress, rtol=0.01)
     speed = fields["velocity"][..., 0]
     assert speed.min() == 0.0 and speed.max() == pytest.approx(20.0)

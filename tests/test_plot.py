@@ -1,4 +1,4 @@
-"""Fields of a result, and pictures: known fields have known colours at known positions."""
+"""Fields of a result, pictures, and the figures of the paper with their numbers."""
 
 import shutil
 from pathlib import Path
@@ -10,21 +10,20 @@ import pytest
 from conftest import run_ranks
 from PIL import Image
 
-from pgran import plot, watch
+from pgran import figures, plot, watch
 from pgran.output import pictures
-from pgran.output.result import QUANTITIES, Result, q2_elements
+from pgran.output.result import QUANTITIES, Result
 
 #: Strains that files of earlier releases may lack.
 STRAINS = "strain_rate_tensor", "strain_tensor", "spin", "volume_change"
-CELL = "-pgran_case", "periodic", "-pgran_cell_elements"
+CELL = "-pgran_case periodic -pgran_cell_elements 4"
 
 
 @pytest.fixture(scope="module")
 def path(small_specimen, tmp_path_factory):
     """A result of a small specimen with two snapshots."""
     folder = tmp_path_factory.mktemp("plot")
-    for file in small_specimen.parent.glob("*.h5"):
-        shutil.copy(file, folder)
+    shutil.copytree(small_specimen.parent, folder, dirs_exist_ok=True)
     return folder / small_specimen.name
 
 
@@ -33,9 +32,9 @@ def snapshot(path):
     return Result(path).snapshots[-1]
 
 
-def run(path, *options):
+def run(path, options):
     """Run on one rank; return the last snapshot."""
-    run_ranks(0, "-m", "pgran", *options, "-pgran_output", path)
+    run_ranks(0, "-m", "pgran", *options.split(), "-pgran_output", path)
     return Result(path).snapshots[-1]
 
 
@@ -46,21 +45,16 @@ def without_strains(path):
     return snapshot
 
 
-def colour(figure, axes, x):
-    """The colour (3,) of a figure at coordinates of axes."""
-    figure.canvas.draw()
-    image = np.asarray(figure.canvas.buffer_rgba())
-    column, row = axes.transData.transform(x)
-    return image[image.shape[0] - 1 - int(row), int(column), :3] / 255.0
-
-
 def test_a_known_field_has_its_colours_at_its_positions(snapshot):
     snapshot._read["known"] = snapshot.x[..., 1] + 2.0 * snapshot.x[..., 0]
     figure = pictures.panels([snapshot], "known", pictures.Style((0.0, 40.0), outline=False))
-    for x1, x2 in ((2.0, 3.0), (4.0, 12.0), (7.0, 20.0)):
+    figure.canvas.draw()
+    image = np.asarray(figure.canvas.buffer_rgba())[::-1, :, :3] / 255.0
+    for x1, x2 in ((2.0, 3.0), (4.0, 12.0), (7.0, 20.0), (4.0, 24.1)):
+        column, row = figure.axes[0].transData.transform((x1, x2)).astype(int)
         wanted = matplotlib.colormaps[pictures.COLOURS]((x2 + 2.0 * x1) / 40.0)[:3]
-        assert colour(figure, figure.axes[0], (x1, x2)) == pytest.approx(wanted, abs=0.03)
-    assert colour(figure, figure.axes[0], (4.0, 24.1)) == pytest.approx(1.0)  # above the plate
+        wanted = wanted if x2 < 24.0 else (1.0, 1.0, 1.0)  # above the plate
+        assert image[row, column] == pytest.approx(wanted, abs=0.03)
 
 
 def test_snapshots_in_one_picture_have_one_colour_scale(path):
@@ -78,16 +72,16 @@ def test_computed_strains_equal_those_of_the_solver(path, snapshot):
         np.testing.assert_allclose(computed[name], snapshot[name], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("case", ["vertical_chute", "cell"])
-def test_gradients_are_periodic(tmp_path, case):
+@pytest.mark.parametrize("axis, options", [
+    (0, "-pgran_case vertical_chute -pgran_width 4 -pgran_height 4 -pgran_element_size 1"),
+    (1, f"{CELL} -pgran_height 40")])
+def test_gradients_are_periodic(tmp_path, axis, options):
     """A velocity field that is shifted by one element has a shifted strain rate."""
-    options = (*CELL, 4, "-pgran_height", 40) if case == "cell" else (
-        "-pgran_case", case, "-pgran_width", 4, "-pgran_height", 4, "-pgran_element_size", 1)
-    shape = run(tmp_path / "flow.h5", *options, "-ts_type", "beuler", "-ts_max_steps", 1).x.shape
-    axis = 0 if case == "vertical_chute" else 1
+    path = tmp_path / "flow.h5"
+    shape = run(path, f"{options} -ts_type beuler -ts_max_steps 1").x.shape
     velocity, found = np.random.default_rng(1).standard_normal(shape), []
     for shift in (0, 2):
-        snapshot = without_strains(tmp_path / "flow.h5")
+        snapshot = without_strains(path)
         snapshot.keep({"velocity": np.roll(velocity, shift, axis)}, {"velocity": np.zeros(2)})
         found.append([snapshot["strain_rate"], snapshot["spin"]])
     for first, shifted in zip(*found):
@@ -95,10 +89,8 @@ def test_gradients_are_periodic(tmp_path, case):
 
 
 def test_one_element_in_a_periodic_direction_is_sufficient(tmp_path):
-    path = tmp_path / "one.h5"
-    snapshot = run(path, "-pgran_case", "planar_shear", "-pgran_width", 1, "-pgran_height", 6,
-                   "-pgran_element_size", 1, "-pgran_model", "li", "-ts_type", "beuler",
-                   "-ts_max_steps", 2)
+    snapshot = run(tmp_path / "one.h5", "-pgran_case planar_shear -pgran_width 1 -pgran_height 6 "
+                   "-pgran_element_size 1 -pgran_model li -ts_type beuler -ts_max_steps 2")
     assert snapshot.x.shape == (13, 2, 2)
     assert snapshot["spin"] == pytest.approx(-snapshot["strain_rate"] / 2.0, abs=1e-9)
     assert snapshot["strain_rate"].mean() == pytest.approx(1.0, rel=0.2)
@@ -107,21 +99,11 @@ def test_one_element_in_a_periodic_direction_is_sufficient(tmp_path):
 
 
 def test_a_periodic_cell_has_the_strains_of_its_base_flow(tmp_path):
-    path = tmp_path / "cell.h5"
-    snapshot = run(path, *CELL, 4, "-ts_max_steps", 2)
+    snapshot = run(tmp_path / "cell.h5", f"{CELL} -ts_max_steps 2")
     assert snapshot["strain_rate"] == pytest.approx(1.0, abs=1e-10)
     for name, size in (("strain_rate_tensor", 1.0), ("strain_tensor", snapshot.time)):
         wanted = np.broadcast_to([size / 2.0, -size / 2.0, 0.0], snapshot[name].shape)
         np.testing.assert_allclose(snapshot[name], wanted, atol=1e-8 * size, rtol=1e-4)
-
-
-def test_pyvista_grids_have_biquadratic_elements(snapshot):
-    grid = snapshot.grid()
-    assert set(grid.celltypes) == {28} and grid.n_cells == 4 * 12
-    assert grid["velocity"].shape == (grid.n_points, 3)
-    assert grid["pressure"] == pytest.approx(snapshot["pressure"].ravel())
-    ring = q2_elements((5, 8), (True, False))
-    assert len(ring) == 4 * 2 and set(ring.ravel()) == set(range(40))
 
 
 def test_every_quantity_exists_and_is_drawn_in_every_format(path, snapshot):
@@ -207,6 +189,44 @@ def test_a_picture_shows_the_measured_bands(snapshot, field, lines, wanted):
     snapshot._read.update(coordinates=x, inertial_number=field(x))
     axes = matplotlib.figure.Figure().subplots()
     pictures.band_line(axes, snapshot)
-    assert len(axes.lines) == lines
     text = axes.texts[0].get_text().replace("\n", " ")
-    assert all(part in text for part in wanted) and bool(lines) == ("°" in text)
+    assert len(axes.lines) == lines and all(part in text for part in wanted)
+    assert bool(lines) == ("°" in text)
+
+
+def test_figures_of_the_theory_are_drawn_with_their_numbers(tmp_path, capsys):
+    assert figures.main(["fig1", "fig2", "fig8", "fig9", "-output", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    for row in ("| quasi-static cut-off, mu_s = 0.3819 | 0.123 | 0.12265 |",
+                "| IG, I0 = 0.1: unstable near the origin | no | no |",
+                "unstable ones, I0 = 1 | quite different | 15.236 |",
+                "| b I0 where the Bingham cut-off vanishes | 0.0158 | 0.015723 |"):
+        assert row in text
+    for name in ("fig1", "fig2", "fig8", "fig9"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10000
+    with h5py.File(tmp_path / "fig2.h5") as file:
+        assert file["k_cut"].shape == (200, 200)
+
+
+@pytest.mark.parametrize("name, model, compression", [("fig6", "ngf", 0.1), ("fig7", "li", 0.01)])
+def test_a_figure_of_simulations_shows_the_runs_that_exist(tmp_path, capsys, name, model,
+                                                           compression):
+    arguments = [name, "-results", str(tmp_path), "-output", str(tmp_path)]
+    assert figures.main(arguments) == 1
+    assert f"run bash jobs/study.sh section4 {name}" in capsys.readouterr().err
+    x, y = np.meshgrid(np.linspace(0.0, 42.0, 21), np.linspace(0.0, 108.0, 61))
+    for size in (2, 1):
+        with h5py.File(tmp_path / f"{model}_L40_I0.001_h{size}.h5", "w") as file:
+            file.attrs["options"] = (f"-pgran_model {model}\n-pgran_element_size {size:g}\n"
+                                     "-pgran_inertial_number 0.001\n")
+            group = file.create_group("snapshots/0000")
+            group.attrs["compression"] = compression
+            group["coordinates"] = np.stack([x, y], axis=-1)
+            group["inertial_number"] = 4e-3 * np.exp(-((y - 54.0 - 1.23 * (x - 21.0)) / 15.0)**2)
+    assert figures.main(arguments) == 0
+    text = capsys.readouterr().out
+    assert (tmp_path / f"{name}.png").stat().st_size > 10000
+    assert f"not drawn, because the run is missing: {model}_L40_I0.001_h0.5" in text
+    assert ("angle (degrees)" in text) != ("bands across the line at L/4" in text)
+    with h5py.File(tmp_path / f"{name}.h5") as file:
+        assert file["a/I"].shape == file["b/I"].shape == (61, 21)

@@ -1,6 +1,5 @@
 """A run that is stopped, killed or out of disk space is continued to the same result."""
 
-import random
 import signal
 import subprocess
 import time
@@ -8,52 +7,51 @@ import time
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, allowed, discretised, pgran, refused, run_ranks
-from test_runs import differences, snapshot
+from conftest import LIMIT, ROOT, discretised, pgran, refused, run_ranks, start
+from test_runs import differences
 
-from pgran import watch
+from pgran.cli import STOPPED
 from pgran.output import checkpoint
 from pgran.output.result import Result
+from pgran.output.snapshots import linked
 from pgran.runs import run_on_ranks
 from pgran.solve import state
+from studies import kill
 
 #: A specimen that yields in about twenty steps, which take a second.
-SMALL = "-pgran_element_size", 8, "-pgran_compression", 0.008, "-pgran_progress", "quiet"
-SHORT = *SMALL, "-pgran_snapshots", "0.004,0.008"
+SMALL = "-pgran_element_size 8 -pgran_compression 0.008 -pgran_progress quiet"
+SHORT = f"{SMALL} -pgran_snapshots 0.004,0.008"
 #: A run that takes long enough to be interrupted.
-LONG = *SHORT, "-pgran_element_size", 4
+LONG = f"{SHORT} -pgran_element_size 4"
 DIRECT = ROOT / "options" / "direct.opts"
-#: Exit code of a run that a signal has stopped.
-STOPPED = 75
+#: A column of a layer on a slope.
+SLOPE = "-ts_type beuler -pgran_width 1 -pgran_element_size 1 -pgran_progress quiet"
+#: It slows down to rest; the rest speed follows.
+SLOWER = (f"{SLOPE} -pgran_end_time 50 -pgran_height 2 -pgran_inertia true -pgran_model li "
+          "-pgran_slope 15 -pgran_start flow -pgran_step_max 0.1 -pgran_rest_speed")
 
 
-def history(path):
-    """Return the history of a result, {name: (n,)}."""
-    with h5py.File(path) as file:
-        return {name: data[...] for name, data in file["history"].items()}
-
-
-def same(path, other, tolerance):
-    """Assert that fields, snapshots and history of two results are equal."""
-    found = differences(path, other)
-    assert max(found.values()) <= tolerance, found
-    with h5py.File(path) as a, h5py.File(other) as b:
-        assert list(a["snapshots"]) == list(b["snapshots"])
-        for name, group in a["snapshots"].items():
-            assert group.attrs["time"] == pytest.approx(b["snapshots"][name].attrs["time"],
-                                                        rel=1e-12)
-        assert a.attrs["complete"] and b.attrs["complete"]
-    mine, theirs = history(path), history(other)
-    assert mine.keys() == theirs.keys()
-    np.testing.assert_allclose(mine["time"], theirs["time"], rtol=max(tolerance, 1e-12))
-    np.testing.assert_allclose(np.cumsum(mine["step_size"]), mine["time"], rtol=1e-12)
+def same(path, other, tolerance, exact=False):
+    """Assert that two complete results are equal, and with ``exact`` also their iterations."""
+    assert max(differences(path, other).values()) <= tolerance
+    a, b = Result(path), Result(other)
+    assert a.complete and b.complete
+    assert [x.time for x in a.snapshots] == pytest.approx([x.time for x in b.snapshots], rel=1e-12)
+    assert a.history.keys() == b.history.keys()
+    np.testing.assert_allclose(a.history["time"], b.history["time"], rtol=max(tolerance, 1e-12))
+    np.testing.assert_allclose(np.cumsum(a.history["step_size"]), a.history["time"], rtol=1e-12)
+    if exact:
+        for name in ("newton_iterations", "linear_iterations"):
+            np.testing.assert_array_equal(a.history[name], b.history[name])
+        for name in ("steps", "steps_repeated"):
+            assert a.attributes[name] == b.attributes[name]
 
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
     """An uninterrupted run on one rank."""
     path = tmp_path_factory.mktemp("short") / "short.h5"
-    pgran(0, "direct.opts", path, *SHORT)
+    pgran(0, "direct.opts", path, SHORT)
     return path
 
 
@@ -61,228 +59,158 @@ def short(tmp_path_factory):
 def long(tmp_path_factory):
     """A longer uninterrupted run on one rank."""
     path = tmp_path_factory.mktemp("long") / "long.h5"
-    pgran(0, "direct.opts", path, *LONG)
+    pgran(0, "direct.opts", path, LONG)
     return path
 
 
-def test_a_restart_on_the_same_ranks_gives_the_same_result(short, tmp_path):
-    path = tmp_path / "run.h5"
-    pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 16)
+def test_a_restart_on_the_same_ranks_gives_the_same_result(short, path):
+    pgran(0, "direct.opts", path, SHORT, "-ts_max_steps", 16)
+    stopped = Result(path)
+    assert not stopped.complete and stopped.snapshots[-1].time == stopped.history["time"][-1]
+    pgran(0, "direct.opts", path, SHORT, restart=path)
+    same(short, path, 1e-10, exact=True)
     with h5py.File(path) as file:
-        assert not file.attrs["complete"]
-        last = file["snapshots"][sorted(file["snapshots"])[-1]]
-        assert last.attrs["time"] == file["history/time"][-1]  # where it stopped
-    done = pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path)
-    same(short, path, 1e-10)
-    for name in ("newton_iterations", "linear_iterations"):
-        np.testing.assert_array_equal(history(path)[name], history(short)[name])
-    with h5py.File(path) as file:
-        kept = [file["snapshots"].get(name, getlink=True).filename for name in file["snapshots"]]
-    assert sorted(entry.name for entry in tmp_path.iterdir() if "checkpoint" not in entry.name) == [
-        "run.h5", *sorted(kept), "run.xdmf"], done.stdout  # nothing is renamed, nothing left over
+        kept = linked(file).values()
+    assert {entry.name for entry in path.parent.iterdir() if "checkpoint" not in entry.name} == {
+        "run.h5", *kept, "run.xdmf"}  # nothing is renamed, nothing left over
     assert path.with_suffix(".xdmf").read_text().count("<Time") == 2
 
 
-def test_a_run_continues_on_any_number_of_ranks(short, tmp_path):
-    path = tmp_path / "run.h5"
-    pgran(2, "direct.opts", path, *SHORT, "-ts_max_steps", 8)
+def test_a_run_continues_on_any_number_of_ranks(short, path):
+    pgran(2, "direct.opts", path, SHORT, "-ts_max_steps", 8)
     for ranks, steps in ((3, 13), (0, 10**6)):
-        pgran(ranks, "direct.opts", path, *SHORT, "-pgran_restart", path, "-ts_max_steps", steps)
+        pgran(ranks, "direct.opts", path, SHORT, "-ts_max_steps", steps, restart=path)
     same(short, path, 1e-7)
 
 
-@pytest.mark.parametrize("options_file, steps, more", [
-    ("biaxial.opts", 15, SMALL),
-    ("li.opts", 8, (*SMALL, "-pgran_compression", 0.004)),
-    ("direct.opts", 14, (*SMALL, "-pgran_inertia", "true", "-pgran_law", "jop",
-                         "-pgran_compression", 0.002)),
-    ("periodic.opts", 14, ("-pgran_cell_elements", 4, "-pgran_end_time", 0.003)),
-    ("planar_shear.opts", 8, ("-ts_type", "beuler", "-pgran_end_time", 0.002))],
-    ids=["fieldsplit", "li", "inertia and jop", "periodic", "fixed mesh"])
-def test_every_kind_of_run_can_be_continued(tmp_path, options_file, steps, more):
-    paths = [tmp_path / f"{name}.h5" for name in ("complete", "run")]
-    pgran(0, options_file, paths[0], *more)
-    pgran(2 if options_file == "biaxial.opts" else 0, options_file, paths[1], *more,
-          "-ts_max_steps", steps)
-    assert not h5py.File(paths[1]).attrs["complete"]
-    pgran(0, options_file, paths[1], *more, "-pgran_restart", paths[1])
-    same(*paths, 5e-3 if options_file == "biaxial.opts" else 1e-7)
-
-
-#: A column of a layer on a slope.
-SLOPE = ("-ts_type", "beuler", "-pgran_width", 1, "-pgran_element_size", 1, "-pgran_progress",
-         "quiet")
-#: It slows down to rest; the rest speed follows.
-SLOWER = (*SLOPE, "-pgran_end_time", 50, "-pgran_height", 2, "-pgran_inertia", "true",
-          "-pgran_model", "li", "-pgran_slope", 15, "-pgran_start", "flow", "-pgran_step_max", 0.1,
-          "-pgran_rest_speed")
-
-
-@pytest.mark.parametrize("stop, more", [
+@pytest.mark.parametrize("options_file, ranks, tolerance, steps, more", [
+    ("biaxial.opts", 2, 5e-3, 15, SMALL),
+    ("li.opts", 0, 1e-7, 8, f"{SMALL} -pgran_compression 0.004"),
+    ("direct.opts", 0, 1e-7, 14,
+     f"{SMALL} -pgran_inertia true -pgran_law jop -pgran_compression 0.002"),
+    ("periodic.opts", 0, 1e-7, 14, "-pgran_cell_elements 4 -pgran_end_time 0.003"),
+    ("planar_shear.opts", 0, 1e-7, 8, "-ts_type beuler -pgran_end_time 0.002"),
     # Stopped after one attempt of the first step, which failed.
-    (1, (*SLOPE, "-pgran_end_time", 0.01, "-pgran_height", 6, "-pgran_model", "ngf_primitive",
-         "-pgran_snapshots", "0.0011,0.0012,0.004")),
-    (20, (*SLOWER, 0.05))], ids=["close targets", "coming to rest"])
-def test_a_restarted_run_makes_the_same_steps(tmp_path, stop, more):
-    complete, path = tmp_path / "complete.h5", tmp_path / "run.h5"
-    pgran(0, "inclined_plane.opts", complete, *more)
-    pgran(0, "inclined_plane.opts", path, *more, "-ts_max_steps", stop)
-    assert len(history(path)["time"]) <= stop < len(history(complete)["time"])
-    pgran(0, "inclined_plane.opts", path, *more, "-pgran_restart", path)
-    same(complete, path, 1e-10)
-    for name in ("newton_iterations", "linear_iterations"):
-        np.testing.assert_array_equal(history(path)[name], history(complete)[name])
-    with h5py.File(path) as file, h5py.File(complete) as expected:
-        for name in ("steps", "steps_repeated"):
-            assert file.attrs[name] == expected.attrs[name]
+    ("inclined_plane.opts", 0, 1e-10, 1, f"{SLOPE} -pgran_end_time 0.01 -pgran_height 6 "
+     "-pgran_model ngf_primitive -pgran_snapshots 0.0011,0.0012,0.004"),
+    ("inclined_plane.opts", 0, 1e-10, 20, f"{SLOWER} 0.05")],
+    ids=["fieldsplit", "li", "inertia and jop", "periodic", "fixed mesh", "close targets",
+         "coming to rest"])
+def test_every_kind_of_run_can_be_continued(tmp_path, path, options_file, ranks, tolerance, steps,
+                                            more):
+    complete = tmp_path / "complete.h5"
+    pgran(0, options_file, complete, more)
+    pgran(ranks, options_file, path, more, "-ts_max_steps", steps)
+    assert kill.steps(path) <= steps and not Result(path).complete
+    pgran(0, options_file, path, more, restart=path)
+    same(complete, path, tolerance, exact=tolerance == 1e-10)
 
 
-def test_a_run_at_rest_is_not_continued_without_a_smaller_rest_speed(tmp_path):
-    path, more = tmp_path / "run.h5", SLOWER
-    pgran(0, "inclined_plane.opts", path, *more, 0.05)
-    times = history(path)["time"]
-    assert times[-1] < 5.0
-    done = pgran(0, "inclined_plane.opts", path, *more, 0.05, "-pgran_restart", path)
-    assert len(history(path)["time"]) == len(times), done.stdout
-    pgran(0, "inclined_plane.opts", path, *more, 0.01, "-pgran_restart", path)  # slower than that
-    assert times[-1] < history(path)["time"][-1] < 5.0
+def test_a_run_at_rest_is_not_continued_without_a_smaller_rest_speed(path):
+    def end(rest_speed, **more):
+        pgran(0, "inclined_plane.opts", path, SLOWER, rest_speed, **more)
+        return Result(path).history["time"][-1]
+
+    first = end(0.05)
+    assert end(0.05, restart=path) == first < end(0.01, restart=path) < 5.0
 
 
-def test_a_restart_after_an_error_begins_with_the_desired_step(tmp_path):
-    path = tmp_path / "run.h5"
-    more = *SMALL, "-pgran_step_first", 1.5e-4
-    done = pgran(0, "direct.opts", path, *more, "-pgran_step_min", 1e-4, check=False)
+def test_a_restart_after_an_error_begins_with_the_desired_step(path):
+    more = f"{SMALL} -pgran_step_first 1.5e-4"
+    done = pgran(0, "direct.opts", path, more, step_min=1e-4, check=False)
     refused(done, "no step down to -pgran_step_min 0.0001 converges", "a larger -pgran_step_error")
-    steps = len(history(path)["time"])
+    steps = kill.steps(path)
     assert steps
     with h5py.File(checkpoint.checkpoints_of(path)[0]) as file:
         wanted = file.attrs["wanted"]
-        assert "repeat" not in file.attrs
-    pgran(0, "direct.opts", path, *more, "-pgran_step_error", 100, "-pgran_restart", path,
-          "-ts_max_steps", steps + 1)
-    assert history(path)["step_size"][steps] == wanted
+    pgran(0, "direct.opts", path, more, "-ts_max_steps", steps + 1, step_error=100, restart=path)
+    assert Result(path).history["step_size"][steps] == wanted
 
 
-def test_a_complete_run_can_be_extended(short, tmp_path):
-    path = tmp_path / "run.h5"
-    pgran(0, "direct.opts", path, *SMALL, "-pgran_compression", 0.004)
-    pgran(0, "direct.opts", path, "-pgran_restart", path, "-pgran_compression", 0.008)
+def test_a_complete_run_can_be_extended(short, path):
+    pgran(0, "direct.opts", path, SMALL, compression=0.004)
+    pgran(0, "direct.opts", path, restart=path, compression=0.008)
     same(short, path, 1e-10)  # with the other options of the run
-
-
-def test_options_that_a_restart_cannot_change_are_named(tmp_path):
-    path = tmp_path / "run.h5"
-    pgran(0, "direct.opts", path, *SMALL, "-ts_max_steps", 2)
-    done = pgran(2, "direct.opts", path, "-pgran_restart", path, "-pgran_width", 80,
-                 "-pgran_mu_s", 0.4, "-pgran_compression", 0.05, check=False)
-    refused(done, "-pgran_mu_s (here 0.4, there 0.3819), -pgran_width (here 80, there 40.0)")
-    done = pgran(0, "direct.opts", path, "-pgran_restart", path, "-pgran_compression", 1e-5,
-                 check=False)
+    done = pgran(2, "direct.opts", path, restart=path, compression=1e-5, check=False)
     refused(done, "is later than the requested end of the run")
 
 
-def test_a_damaged_checkpoint_is_skipped(short, tmp_path):
-    path = tmp_path / "run.h5"
-    pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 17, "-pgran_checkpoint_steps", 5)
+#: Messages for damaged checkpoints, the damaged dataset or attribute, and its new value.
+DAMAGE = (("coordinates is not an array of 31 x 11 x 2 numbers", "nodes/coordinates", None),
+          ("stress is not an array of 15 x 5 x 3 x 9 numbers", "elements/stress",
+           np.zeros((15, 5, 2, 9))),
+          ("velocity contains NaN", "nodes/velocity", np.full((31, 11, 2), np.nan)),
+          ("wanted is not a finite number", "wanted", "soon"),
+          ("it contains invalid numbers", "period", 0.0), ("steps is missing", "steps", None))
+
+
+def test_a_damaged_checkpoint_is_skipped(short, tmp_path, path):
+    pgran(0, "direct.opts", path, SHORT, "-ts_max_steps", 17, checkpoint_steps=5)
     newest, older = checkpoint.checkpoints_of(path)
     assert [entry.name for entry in (newest, older)] == [
         "run.checkpoint_000017.h5", "run.checkpoint_000015.h5"]
-    content, kept = bytearray(newest.read_bytes()), path.read_bytes()
-    for damage in (content[:len(content) // 2], b"", content[:-5000] + bytes(5000)):
-        newest.write_bytes(damage)
-        done = pgran(0, "direct.opts", tmp_path / "other.h5", *SHORT, "-pgran_restart", path,
-                     "-pgran_progress", "brief")
-        assert "skipped a damaged checkpoint, run.checkpoint_000017.h5: " in done.stdout
-        same(short, tmp_path / "other.h5", 1e-7)
+    kept, content, form = path.read_bytes(), newest.read_bytes(), discretised(
+        element_size=8, restart=path)
+    for words, name, value in DAMAGE:
+        newest.write_bytes(content)
+        with h5py.File(newest, "r+") as file:
+            holder = file if "/" in name else file.attrs
+            del holder[name]
+            if value is not None:
+                holder[name] = value
+        _, values, damaged = state.checkpoint_start(form)
+        assert values["steps"] == 15 and len(damaged) == 1
+        assert damaged[0].startswith(f"{newest.name}: {words}")
+    for damaged in (b"", content[:-5000] + bytes(5000), content[:len(content) // 2]):
+        newest.write_bytes(damaged)
+        assert state.checkpoint_start(form)[1]["steps"] == 15
+    other = tmp_path / "other.h5"
+    done = pgran(0, "direct.opts", other, SHORT, restart=path, progress="brief")
+    assert "skipped a damaged checkpoint, run.checkpoint_000017.h5: " in done.stdout
+    same(short, other, 1e-7)
     assert path.read_bytes() == kept  # a restart with another name keeps the result
     older.write_bytes(b"")
-    refused(pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path, check=False),
+    refused(pgran(0, "direct.opts", path, SHORT, restart=path, check=False),
             "it has no checkpoint to resume from", older.name, newest.name)
 
 
-def put(name, values):
-    """Return a function that replaces the values of a dataset."""
-    def damage(file):
-        del file[name]
-        file[name] = values
-
-    return damage
-
-
-#: Messages for damaged checkpoints, and the damage.
-DAMAGE = {
-    "coordinates is not an array of 31 x 11 x 2 numbers":
-        lambda file: file.pop("nodes/coordinates"),
-    "stress is not an array of 15 x 5 x 3 x 9 numbers":
-        put("elements/stress", np.zeros((15, 5, 2, 9))),
-    "velocity contains NaN": put("nodes/velocity", np.full((31, 11, 2), np.nan)),
-    "wanted is not a finite number": lambda file: file.attrs.create("wanted", "soon"),
-    "it contains invalid numbers": lambda file: file.attrs.create("period", 0.0),
-    "steps is missing": lambda file: file.attrs.pop("steps")}
-
-
-def test_an_incomplete_checkpoint_is_skipped(tmp_path):
-    path = tmp_path / "run.h5"
-    pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 9, "-pgran_checkpoint_steps", 5)
-    newest, older = checkpoint.checkpoints_of(path)
-    content, form = newest.read_bytes(), discretised(element_size=8, restart=path)
-    for words, damage in DAMAGE.items():
-        newest.write_bytes(content)
-        with h5py.File(newest, "r+") as file:
-            damage(file)
-        _, values, damaged = state.checkpoint_start(form)
-        assert values["steps"] == 5 and len(damaged) == 1
-        assert damaged[0].startswith(f"{newest.name}: {words}")
-
-
-def test_a_restarted_run_that_is_killed_in_its_first_step_can_be_restarted(short, tmp_path):
-    path = tmp_path / "run.h5"
-    pgran(0, "direct.opts", path, *SHORT, "-ts_max_steps", 8)
-    code = """
-import os, sys, petsc4py
-petsc4py.init()
-from pgran.__main__ import Run, main
+def test_a_restarted_run_that_is_killed_in_its_first_step_can_be_restarted(short, path):
+    pgran(0, "direct.opts", path, SHORT, "-ts_max_steps", 8)
+    done = pgran(0, "direct.opts", path, SHORT, "-pgran_restart", path, check=False, patch="""
+from pgran.__main__ import Run
 Run.checkpoint = lambda self: os._exit(9)
-sys.exit(main(sys.argv))
-"""
-    done = run_ranks(0, "-c", code, "-options_file", DIRECT, *SHORT,
-                     "-pgran_output", path, "-pgran_restart", path, check=False)
-    assert done.returncode == 9 and len(history(path)["time"]) == 9
-    pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path)
+""")
+    assert done.returncode == 9 and kill.steps(path) == 9
+    pgran(0, "direct.opts", path, SHORT, restart=path)
     same(short, path, 1e-7)
 
 
-def start(ranks, path, *more):
+def start_long(ranks, path):
     """Start a long run in the background, in its own group of processes."""
-    arguments = "-options_file", DIRECT, "-pgran_output", path, *map(str, LONG), *more
-    line, environment = run_on_ranks.command(ranks, "-m", "pgran", *arguments)
-    return subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.DEVNULL,
-                            stderr=subprocess.PIPE, text=True, start_new_session=True)
+    return start(ranks, "-m", "pgran", "-options_file", DIRECT, "-pgran_output", path,
+                 *LONG.split(), stdout=subprocess.DEVNULL, start_new_session=True)
 
 
-def wait_for(path, steps, limit=60.0):
+def wait_for(path, steps):
     """Wait until a result contains ``steps`` steps."""
-    end = time.monotonic() + allowed(limit)
-    while time.monotonic() < end:
-        if path.exists() and len(history(path)["time"]) >= steps:
-            return
+    end = time.monotonic() + LIMIT
+    while kill.steps(path) < steps:
+        assert time.monotonic() < end, f"{path} does not have {steps} steps after {LIMIT} s"
         time.sleep(0.02)
-    raise AssertionError(f"{path} does not hold {steps} steps after {allowed(limit):.0f} s")
 
 
 @pytest.mark.parametrize("name, ranks", [("SIGTERM", 0), ("SIGUSR1", 2)])
-def test_a_signal_stops_a_run_with_a_checkpoint_and_exit_code_75(long, tmp_path, name, ranks):
-    path = tmp_path / "run.h5"
-    run = start(ranks, path)
+def test_a_signal_stops_a_run_with_a_checkpoint_and_exit_code_75(long, path, name, ranks):
+    run = start_long(ranks, path)
     wait_for(path, 5)
     run.send_signal(getattr(signal, name))
-    errors = run.communicate(timeout=allowed(60))[1]
+    errors = run.communicate(timeout=LIMIT)[1]
     assert run.returncode == STOPPED, errors
     assert f"pgran: stopped by {name} at " in errors and f"-pgran_restart {path}" in errors
     assert "error" not in errors.split("Primary job")[0].split("------")[0]
     assert len(checkpoint.checkpoints_of(path)) == 1
     if name == "SIGTERM":
-        pgran(0, "direct.opts", path, *LONG, "-pgran_restart", path)
+        pgran(0, "direct.opts", path, LONG, restart=path)
         same(long, path, 1e-7)
 
 
@@ -300,74 +228,42 @@ runpy.run_module("pgran", run_name="__main__", alter_sys=True)
 @pytest.mark.parametrize("module, kind, words", [
     ("numpy", "beuler", "resume with: <same command> -pgran_restart {path}"),
     ("pgran.solve.driver", "pseudo", "there is nothing to resume from: start it again")])
-def test_a_signal_before_the_first_step_stops_the_run(short, tmp_path, module, kind, words):
-    path = tmp_path / "run.h5"
-    done = run_ranks(0, "-c", EARLY.format(module=module), "-options_file", DIRECT, *SHORT,
-                     "-ts_type", kind, "-pgran_output", path, check=False)
+def test_a_signal_before_the_first_step_stops_the_run(short, path, module, kind, words):
+    done = run_ranks(0, "-c", EARLY.format(module=module), "-options_file", DIRECT,
+                     *SHORT.split(), "-ts_type", kind, "-pgran_output", path, check=False)
     assert done.returncode == STOPPED, done.stderr
     assert done.stderr.splitlines() == [
         f"pgran: stopped by SIGTERM at 0 % compression; {words.format(path=path)}"]
     if kind == "beuler":
-        pgran(0, "direct.opts", path, *SHORT, "-pgran_restart", path)
+        pgran(0, "direct.opts", path, SHORT, restart=path)
         same(short, path, 1e-10)
 
 
-def test_the_launcher_forwards_a_signal_and_restarts_the_run(long, tmp_path, monkeypatch):
+def test_the_launcher_forwards_a_signal_and_restarts_the_run(long, path, monkeypatch):
     monkeypatch.setattr(run_on_ranks, "RANKS", 0)
-    path = tmp_path / "run.h5"
-    line, environment = run_on_ranks.command(0, "-m", "pgran.runs.run_on_ranks", path, DIRECT,
-                                             *LONG)
-    with subprocess.Popen(line, env=environment, cwd=ROOT, stderr=subprocess.PIPE,
-                          text=True) as run:
+    with start(0, "-m", "pgran.runs.run_on_ranks", path, DIRECT, *LONG.split()) as run:
         wait_for(path, 3)
         run.send_signal(signal.SIGTERM)
-        errors = run.communicate(timeout=allowed(60))[1]
+        errors = run.communicate(timeout=LIMIT)[1]
     assert run.returncode == STOPPED, errors
-    before, = checkpoint.checkpoints_of(path)
-    run_on_ranks.run(path, DIRECT, *LONG)  # the same command restarts
+    run_on_ranks.run(path, DIRECT, *LONG.split())  # the same command restarts
     same(long, path, 1e-7)
-    assert not before.exists() or len(checkpoint.checkpoints_of(path)) == 2
 
 
-def test_ranks_killed_by_a_forwarded_signal_count_as_stopped():
-    code = """
-from pgran.runs import run_on_ranks
-print(run_on_ranks.python(0, "-c", "import time; print('here', flush=True); time.sleep(30)",
-                    check=False).returncode)
-"""
-    line, environment = run_on_ranks.command(0, "-c", code)
-    with subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.PIPE,
-                          text=True) as run:
-        assert run.stdout.readline() == "here\n"
-        run.send_signal(signal.SIGTERM)
-        assert run.communicate(timeout=allowed(60))[0] == f"{STOPPED}\n"
+def test_ranks_killed_by_a_forwarded_signal_count_as_stopped(monkeypatch):
+    monkeypatch.setattr(run_on_ranks, "SIGNALS", (signal.SIGTERM,))
+    code = "import os, signal, time; os.kill(os.getppid(), signal.SIGTERM); time.sleep(30)"
+    assert run_on_ranks.python(0, "-c", code, check=False).returncode == STOPPED
 
 
 @pytest.mark.nightly
-def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(long, tmp_path):
-    """See also jobs/studies/kill.py."""
-    path, chance = tmp_path / "run.h5", random.Random(11)
-    for ranks in (2, 0, 2):
-        again = ("-pgran_restart", path) if checkpoint.checkpoints_of(path) else ()
-        if not again:
-            path.unlink(missing_ok=True)
-        steps = len(history(path)["time"]) if path.exists() else 0
-        run = start(ranks, path, "-pgran_checkpoint_steps", "2", *again)
-        wait_for(path, steps + 3)
-        time.sleep(0.3 * chance.random())
-        run_on_ranks.kill(run)
-        run.communicate()
-        with h5py.File(path) as file:  # complete after every kill
-            assert len(file["history/time"]) >= steps
-            for group in file["snapshots"].values():
-                assert np.isfinite(group["velocity"][...]).all()
-    pgran(0, "direct.opts", path, *LONG, "-pgran_restart", path)
-    same(long, path, 1e-7)
+def test_a_run_killed_at_random_moments_on_changing_ranks_ends_the_same(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    kill.kills(3, tmp_path)
 
 
-def test_the_history_can_be_read_during_the_run(tmp_path):
-    path = tmp_path / "run.h5"
-    run = start(2, path)
+def test_the_history_can_be_read_during_the_run(path):
+    run = start_long(2, path)
     wait_for(path, 4)
     with h5py.File(path) as held:  # an open reader
         seen = len(held["history/time"])
@@ -375,115 +271,66 @@ def test_the_history_can_be_read_during_the_run(tmp_path):
         assert len(held["history/time"]) == seen
         run_on_ranks.kill(run)
         run.communicate()
-    assert len(history(path)["time"]) >= seen + 8
-    end = time.monotonic() + 20.0
-    while watch.ending(Result(path), 1e9) is None and time.monotonic() < end:
-        time.sleep(0.1)
-    assert watch.ending(Result(path), 1e9) == "killed: its process has ended"
+    assert kill.steps(path) >= seen + 8
 
 
-def test_one_file_has_one_writer(tmp_path):
-    path = tmp_path / "run.h5"
-    run = start(0, path)
+def test_one_file_has_one_writer(path):
+    run = start_long(0, path)
     wait_for(path, 2)
     run.send_signal(signal.SIGSTOP)  # so that it still runs when the other one starts
-    done = pgran(2, "direct.opts", path, *SMALL, check=False)
+    done = pgran(2, "direct.opts", path, SMALL, check=False)
     refused(done, f"-pgran_output {path}: another run writes it (process {run.pid} on ")
     for number in (signal.SIGTERM, signal.SIGCONT):
         run.send_signal(number)
     run.communicate()
-    assert not list(tmp_path.glob(".*"))  # no lock and no temporary file
+    assert not list(path.parent.glob(".*"))  # no lock and no temporary file
 
 
 FAULT = """
-import errno, os, shutil, sys
-from pathlib import Path
-from mpi4py import MPI
-allocate, calls, path = os.posix_fallocate, [], Path(sys.argv[-1])
+import itertools, pathlib, resource, shutil
+allocate, calls, path = os.posix_fallocate, itertools.count(), {path!r}
 def fail(*arguments):
-    calls.append(1)
-    if len(calls) == 9:
+    if next(calls) >= 8:
         {fault}
-    return allocate(*arguments)
+    allocate(*arguments)
+os.posix_fallocate = fail
 {setup}
-from pgran.__main__ import main
-sys.exit(main(sys.argv))
-"""
-REMOVE = """
-import petsc4py
-petsc4py.init()
-from pgran.output.writer import Writer
-record = Writer.record
-def remove(self, **values):
-    if self.comm.rank == 0 and self.steps == 5:
-        os.unlink(self.path)
-    record(self, **values)
-Writer.record = remove
-"""
-LIMIT = """
-import resource
-resource.setrlimit(resource.RLIMIT_FSIZE, (1_100_000, 1_100_000))
 """
 
 
 @pytest.mark.parametrize("fault, setup, message", [
-    ("raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))", "os.posix_fallocate = fail",
-     "No space left on device"),
-    ("shutil.rmtree(path.parent)", "os.posix_fallocate = fail", ""),
-    ("pass", REMOVE, "it was removed while the run wrote it"),
-    ("pass", LIMIT, "File too large")],
+    ("open('/dev/full', 'w', 1).write('full\\n')", "", "No space left on device"),
+    ("shutil.rmtree(os.path.dirname(path), ignore_errors=True)", "", ""),
+    ("pathlib.Path(path).unlink(missing_ok=True)", "", "it was removed while the run wrote it"),
+    ("", "resource.setrlimit(resource.RLIMIT_FSIZE, (1_100_000,) * 2)", "File too large")],
     ids=["full disk", "folder removed", "result removed", "size limit"])
 def test_a_failing_disk_gives_one_error_and_keeps_the_last_checkpoint(tmp_path, fault, setup,
                                                                       message):
     path = tmp_path / "inner" / "run.h5"
     path.parent.mkdir()
-    done = run_ranks(2, "-c", FAULT.format(fault=fault, setup=setup), "-options_file", DIRECT,
-                     *SMALL, "-pgran_checkpoint_steps", 2, "-pgran_output", path, check=False,
-                     limit=60)
+    done = pgran(2, "direct.opts", path, SMALL, checkpoint_steps=2, check=False,
+                 patch=FAULT.format(path=str(path), fault=fault or "pass", setup=setup))
     refused(done, f"-pgran_output {path}: {message}")
     if message == "File too large":
-        assert len(history(path)["time"]) >= 1 and not list(path.parent.glob(".*"))
-    elif "OSError" in fault:
-        assert checkpoint.checkpoints_of(path)
-        pgran(0, "direct.opts", path, *SMALL, "-pgran_restart", path, "-pgran_compression", 0.002)
-        with h5py.File(path) as file:
-            assert file.attrs["complete"]
-        assert not list(path.parent.glob(".*"))
+        assert kill.steps(path) >= 1 and not list(path.parent.glob(".*"))
+    elif message == "No space left on device":
+        pgran(0, "direct.opts", path, SMALL, restart=path, compression=0.002)
+        assert Result(path).complete and not list(path.parent.glob(".*"))
 
 
-def test_a_closed_pipe_does_not_end_a_run(tmp_path):
-    path = tmp_path / "run.h5"
-    line, environment = run_on_ranks.command(
-        0, "-m", "pgran", "-options_file", DIRECT, *SMALL, "-pgran_progress", "steps",
-        "-pgran_compression", 0.002, "-pgran_output", path)
-    with subprocess.Popen(line, env=environment, cwd=ROOT, stdout=subprocess.PIPE,
-                          stderr=subprocess.PIPE, text=True) as run:
-        run.stdout.readline()
-        run.stdout.close()
-        assert run.wait(allowed(60)) == 0 and not run.stderr.read()
-    _, fields = snapshot(path)
-    assert np.isfinite(fields["velocity"]).all()
-
-
-@pytest.mark.parametrize("streams, warning", [
-    (">/dev/full", ["pgran: warning: standard output cannot be written (No space left on device); "
-                    "further output is discarded"]),
-    (">&- 2>&- <&-", [])])
-def test_an_unwritable_log_does_not_end_a_run(tmp_path, streams, warning):
-    path = tmp_path / "run.h5"
-    line, environment = run_on_ranks.command(
-        0, "-m", "pgran", "-options_file", DIRECT, *SMALL, "-pgran_progress", "steps",
-        "-pgran_compression", 0.001, "-ts_monitor", "-pgran_output", path)
-    done = subprocess.run(["sh", "-c", f'exec "$@" {streams}', "sh", *line], env=environment,
-                          cwd=ROOT, stderr=subprocess.PIPE, text=True, timeout=allowed(60))
-    assert done.returncode == 0 and done.stderr.splitlines() == warning
-    with h5py.File(path) as file:
-        assert file.attrs["complete"]
-
-
-def test_an_unwritable_result_of_a_command_is_an_error(tmp_path):
-    line, environment = run_on_ranks.command(0, "-m", "pgran.stability", "-cutoff")
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(line, env=environment, cwd=ROOT, stdout=full, stderr=subprocess.PIPE,
-                              text=True, timeout=allowed(60))
-    assert done.returncode == 1 and "No space left on device" in done.stderr
+@pytest.mark.parametrize("command, streams, code, errors", [
+    ("pgran", "| head -n 1", 0, ""),
+    ("pgran", ">/dev/full", 0, "pgran: warning: standard output cannot be written (No space left on"
+     " device); further output is discarded\n"),
+    ("pgran", ">&- 2>&- <&-", 0, ""),
+    ("pgran.stability", ">/dev/full", 1, "No space left on device")])
+def test_an_unwritable_log_does_not_end_a_run_but_an_unwritable_answer_is_an_error(
+        path, command, streams, code, errors):
+    options = "-cutoff" if code else (
+        f"-options_file {DIRECT} {SMALL} -pgran_progress steps -ts_monitor -pgran_output {path}")
+    line, environment = run_on_ranks.command(0, "-m", command, *options.split())
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", f'"$@" {streams}', "bash", *line],
+                          env=environment, cwd=ROOT, capture_output=True, text=True,
+                          timeout=LIMIT)
+    assert done.returncode == code
+    assert errors in done.stderr if code else done.stderr == errors and Result(path).complete

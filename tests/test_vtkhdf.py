@@ -5,6 +5,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+import pyvista
 from conftest import ROOT, discretised, pgran as run_pgran, read_vtk, run_ranks
 
 import pgran
@@ -17,8 +18,6 @@ from pgran.pack import pack
 
 def read_xdmf(path):
     """Yield the grids of the XDMF file of a result."""
-    import pyvista
-
     reader = pyvista.get_reader(path.with_suffix(".xdmf"))
     for time in reader.time_values:
         reader.set_active_time_value(time)
@@ -26,6 +25,11 @@ def read_xdmf(path):
         while isinstance(grid, pyvista.MultiBlock):
             grid = grid[0]
         yield grid
+
+
+def read_grids(path):
+    """Return the grids of `Snapshot.grid`."""
+    return [snapshot.grid() for snapshot in pgran.open(path).snapshots]
 
 
 def area(grid):
@@ -47,34 +51,35 @@ def assert_values(grid, group, tensors):
 
 
 @pytest.mark.parametrize("read, cells, tensors", [
-    (read_vtk, 48, [0, 4, 1]), (read_vtk, 48, [0, 4, 3]), (read_xdmf, 192, [0, 1, 2])])
+    (read_vtk, 48, [0, 4, 1]), (read_vtk, 48, [0, 4, 3]), (read_xdmf, 192, [0, 1, 2]),
+    (read_grids, 48, [0, 1, 2])])
 def test_every_value_of_every_snapshot_is_read(small_specimen, read, cells, tensors):
     grids = list(read(small_specimen))
+    xdmf = pyvista.get_reader(small_specimen.with_suffix(".xdmf"))
     with h5py.File(small_specimen) as file:
         assert len(grids) == len(file["snapshots"]) == 2
         for grid, group in zip(grids, file["snapshots"].values()):
             assert len(group) == 12 and grid.n_cells == cells
-            assert read != read_vtk or set(grid.celltypes) == {vtkhdf.BIQUADRATIC_QUAD}
+            assert read == read_xdmf or set(grid.celltypes) == {vtkhdf.BIQUADRATIC_QUAD}
             assert area(grid) == pytest.approx(8.0 * 24.0, rel=1e-3)
             assert_values(grid, group, tensors)
-        assert list(file["VTKHDF/Steps/Values"]) == [
-            group.attrs["time"] for group in file["snapshots"].values()]
+        times = [group.attrs["time"] for group in file["snapshots"].values()]
+        assert list(file["VTKHDF/Steps/Values"]) == times
+        assert xdmf.time_values == pytest.approx(times, rel=1e-15)
         assert all(data.is_virtual for data in file["VTKHDF/PointData"].values())
 
 
-@pytest.mark.parametrize("case, shape, size", [
-    ("vertical_chute", (2, 13), (6, 1)), ("periodic", (6, 6), (8, 10))])
-def test_a_periodic_grid_extends_to_the_end_of_its_period(tmp_path, case, shape, size):
-    options = ("-pgran_element_size", 1, "-pgran_model", "li", "-ts_type", "beuler")
-    if case == "periodic":
-        options = "-pgran_cell_elements", 3
+@pytest.mark.parametrize("case, shape, size, options", [
+    ("vertical_chute", (2, 13), (6, 1), "-pgran_element_size 1 -pgran_model li -ts_type beuler"),
+    ("periodic", (6, 6), (8, 10), "-pgran_cell_elements 3")])
+def test_a_periodic_grid_extends_to_the_end_of_its_period(path, case, shape, size, options):
     run_ranks(2, "-m", "pgran", "-pgran_case", case, "-pgran_width", size[0], "-pgran_height",
-              size[1], *options, "-ts_max_steps", 2, "-pgran_output", tmp_path / "flow.h5")
-    snapshot = pgran.open(tmp_path / "flow.h5").snapshots[-1]
-    *_, grid = read_vtk(tmp_path / "flow.h5")
+              size[1], *options.split(), "-ts_max_steps", 2, "-pgran_output", path)
+    snapshot = pgran.open(path).snapshots[-1]
+    *_, grid = read_vtk(path)
     assert snapshot.x.shape[:2] == shape
-    assert area(grid) == pytest.approx(np.prod(size), rel=1e-9)
-    assert area(snapshot.grid()) == pytest.approx(np.prod(size), rel=1e-9)
+    for found in (grid, snapshot.grid()):
+        assert area(found) == pytest.approx(np.prod(size), rel=1e-9)
     (ny, nx), both = shape, case == "periodic"
     node = numbers(shape, (both, True))
     base = both * np.diag([0.5, -0.5])
@@ -94,17 +99,17 @@ def test_a_periodic_grid_extends_to_the_end_of_its_period(tmp_path, case, shape,
         assert not change_p.any() and not change_s.any()
 
 
-def test_the_elements_of_a_ring_close_it(tmp_path):
+def test_the_elements_of_a_ring_close_it(path):
     angle, radius = np.meshgrid(np.linspace(0, 2 * np.pi, 16, endpoint=False), [1.0, 1.5, 2.0])
-    with h5py.File(tmp_path / "ring.h5", "w") as file:
+    with h5py.File(path, "w") as file:
         group = file.create_group("snapshots/0000")
         group.attrs["time"] = 0.0
         group["coordinates"] = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
         group["pressure"] = radius
         vtkhdf.link(file, (True, False))
-    grid, = read_vtk(tmp_path / "ring.h5")
+    grid, = read_vtk(path)
     assert grid.n_cells == 8
-    with h5py.File(tmp_path / "ring.h5") as file:
+    with h5py.File(path) as file:
         assert_values(grid, file["snapshots/0000"], None)
 
 
@@ -115,12 +120,12 @@ def test_a_continued_file_shows_only_fields_of_all_snapshots_and_has_the_right_u
     for found in small_specimen.parent.glob("small.checkpoint*"):
         shutil.copy(found, tmp_path / found.name.replace("small", "older"))
     with h5py.File(older, "r+") as file:
+        file.attrs["format"] = 3
         del file["cells"]
         for group in file["snapshots"].values():
             del group["spin"]
         file["history/energy_error"].attrs["unit"] = "|sigma_1| d^2"
-    run_pgran(0, "biaxial.opts", older, "-pgran_width", 8, "-pgran_height", 24, "-pgran_restart",
-              older, "-pgran_compression", 0.0022)
+    run_pgran(0, "biaxial.opts", older, width=8, height=24, restart=older, compression=0.0022)
     grids = [*read_xdmf(older), *read_vtk(older)]
     assert len(grids) == 6
     assert all("spin" not in grid.point_data and len(grid.point_data) == 10 for grid in grids)
@@ -130,8 +135,7 @@ def test_a_continued_file_shows_only_fields_of_all_snapshots_and_has_the_right_u
 
 def test_every_dataset_has_its_unit(small_specimen):
     with h5py.File(small_specimen) as file:
-        units = {name: data.attrs["unit"]
-                 for group in (file["history"], *file["snapshots"].values())
+        units = {name: data.attrs["unit"] for group in (file["history"], file["snapshots/0000"])
                  for name, data in group.items()}
         assert {name: unit for name, unit in units.items() if unit} == {
             "time": "1/gdot0", "step_size": "1/gdot0", "work": "|sigma_1| d^2",
@@ -149,19 +153,19 @@ def test_every_dataset_has_its_unit(small_specimen):
     ("vertical_chute", {"shear_stress": "P_w", "mean_speed": "d gdot0"}),
     ("inclined_plane", {"shear_stress": "phi rho_s G d", "surface_speed": "d gdot0"}),
     (f"{ROOT}/docs/examples/planar_shear.py:PlanarShear", {"shear_stress": "P_w"})])
-def test_observables_have_their_units(tmp_path, case, units):
+def test_observables_have_their_units(path, case, units):
     form = discretised(case=case)
-    writer = Writer(tmp_path / "run.h5", form)
+    writer = Writer(path, form)
     writer.begin()
     writer.close()
-    found = pgran.open(tmp_path / "run.h5").history_units
+    found = pgran.open(path).history_units
     assert {name: found[name] for name in form.case.observables} == units
 
 
 @pytest.mark.parametrize("number, message", [
     (2, "a release older than 0.2"), (5, "a later version of pgran")])
-def test_other_formats_are_refused(small_specimen, tmp_path, number, message):
-    with h5py.File(shutil.copy(small_specimen, tmp_path), "r+") as file:
+def test_other_formats_are_refused(small_specimen, path, number, message):
+    with h5py.File(shutil.copy(small_specimen, path), "r+") as file:
         file.attrs["format"] = number
     with pytest.raises(ResultError, match=message):
-        pgran.open(tmp_path / small_specimen.name)
+        pgran.open(path)

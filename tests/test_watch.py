@@ -4,25 +4,24 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
 
 import h5py
 import numpy as np
 import pytest
-from conftest import allowed, pgran as run_pgran
+from conftest import pgran as run_pgran, run_ranks
 
 from pgran import watch
 from pgran.output import files, progress
 from pgran.output.result import Result
 
-SMALL = ("-pgran_width", 8, "-pgran_height", 24, "-pgran_compression", 0.002)
+SMALL = "-pgran_width 8 -pgran_height 24 -pgran_compression 0.002"
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     """A run that was stopped, with pictures of two steps."""
     path = tmp_path_factory.mktemp("watch") / "small.h5"
-    run_pgran(2, "biaxial.opts", path, *SMALL, "-ts_max_steps", 8, "-pgran_picture_every", 4)
+    run_pgran(2, "biaxial.opts", path, SMALL, "-ts_max_steps 8", picture_every=4)
     return path
 
 
@@ -56,8 +55,7 @@ def changed(path, copy, **attributes):
 def ended():
     """The identifier of a process that has ended."""
     code = "import pgran.output.files as f; print(f.process_identity())"
-    return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True,
-                          text=True).stdout.strip()
+    return run_ranks(0, "-c", code).stdout.strip()
 
 
 @pytest.mark.parametrize("attributes, words", [
@@ -73,11 +71,9 @@ def test_the_monitor_ends_with_the_run(path, tmp_path, capsys, attributes, words
     assert words in capsys.readouterr().out
 
 
-def test_only_processes_of_this_machine_are_known_to_have_ended(path, tmp_path, ended):
+def test_only_processes_of_this_machine_are_known_to_have_ended(ended):
     found = map(files.is_running, (ended, files.process_identity(), "another/1 12 345", ""))
     assert list(found) == [False, True, None, None]
-    result = Result(changed(path, tmp_path / "run.h5", state="running", process="another/1 2 3"))
-    assert not watch.ending(result, 1000.0)
 
 
 def test_the_monitor_shows_the_last_step(path, tmp_path, capsys):
@@ -95,10 +91,10 @@ def test_a_run_draws_pictures_stores_its_end_and_prints_the_next_commands(path, 
     assert names == ["small_step0004.png", "small_step0008.png"]
     assert Result(path).attributes["state"] == "stopped"  # by -ts_max_steps
     output = tmp_path / "r.h5"
-    text = run_pgran(0, "direct.opts", output, *SMALL[:4], "-pgran_compression", 1e-4).stdout
+    text = run_pgran(0, "direct.opts", output, SMALL, compression=1e-4).stdout
     assert Result(output).attributes["state"] == "complete"
     commands = [line.split("next:")[-1].strip() for line in text.splitlines()[-3:]]
     assert [command.split(" ", 1)[1] for command in commands[:2]] == [
         f"-m pgran.plot {output}", f"-m pgran.measure {output}"]
     for command in commands:
-        subprocess.run(shlex.split(command), check=True, timeout=allowed(60), capture_output=True)
+        subprocess.run(shlex.split(command), check=True, capture_output=True)

@@ -10,12 +10,10 @@ docs/figures. PGRAN_DOCS names a directory that replaces docs.
 
 import importlib
 import inspect
-import subprocess
 import sys
 
 from pgran import __version__
-from pgran.cli import HELP, REPORTED_ERRORS, STOPPED, VERSION, guard_streams
-from pgran.options import Interrupted
+from pgran.cli import HELP, STOPPED, VERSION, exit_code, guard_streams
 
 #: Names of the studies, and the module of each.
 STUDIES = {"section4": "section4", "meshes": "section4", "posed": "section4",
@@ -33,29 +31,18 @@ def load(name):
 
 
 def call(name, words):
-    """Run a study with the arguments of a command line; return the exit code."""
+    """Run a study with the arguments of a command line."""
+    study = load(name)
+    if any(word in HELP for word in words):
+        print(inspect.getdoc(study))
+        return
+    count = next((n for n, word in enumerate(words) if word.startswith("-")), len(words))
+    options = {"options": tuple(words[count:])} if words[count:] else {}
     try:
-        study = load(name)
-        if any(word in HELP for word in words):
-            print(inspect.getdoc(study))
-            return 0
-        count = next((n for n, word in enumerate(words) if word.startswith("-")), len(words))
-        options = {"options": tuple(words[count:])} if words[count:] else {}
-        try:
-            arguments = inspect.signature(study).bind(*words[:count], **options)
-        except TypeError as error:
-            raise ValueError(f"{error}; see {name} -help") from None
-        study(*arguments.args, **arguments.kwargs)
-        return 0
-    except Interrupted as error:
-        print(f"studies: {error}", file=sys.stderr)
-        return STOPPED
-    except REPORTED_ERRORS as error:
-        message = error.as_option()
-    except (ValueError, OSError, subprocess.SubprocessError) as error:
-        message = str(error)
-    print(f"studies: error: {message}", file=sys.stderr)
-    return 1
+        arguments = inspect.signature(study).bind(*words[:count], **options)
+    except TypeError as error:
+        raise ValueError(f"{error}; see {name} -help") from None
+    study(*arguments.args, **arguments.kwargs)
 
 
 def main(words):
@@ -71,7 +58,7 @@ def main(words):
         return 0
     codes = []
     for study in STUDIES if name == "all" else [name]:
-        codes.append(call(study, rest))
+        codes.append(exit_code("studies", call, study, rest))
         if codes[-1] == STOPPED:
             return STOPPED
     return max(codes)

@@ -9,15 +9,13 @@ Rank 0 prints one line of JSON: seconds of the Jacobian, the residual and a Newt
 both, [compiled, pgran], the seconds of MUMPS, and the number of elements.
 """
 
-import json
 import sys
 import time
 
 import numpy as np
 
-from pgran.cli import start
-
-from .one_step import OPTIONS, one_step
+from .one_step import one_step
+from .transfer import interpolated, main
 
 
 def best(action, ranks, repeats=5):
@@ -103,12 +101,10 @@ def compiled(case, ranks):
     return best(jacobian, ranks), best(forces, ranks), best(solve, ranks, 3)
 
 
-def of_pgran(parameters, comm, path, number):
-    """Return the case, and the seconds of Jacobian and residual of pgran at a state."""
+def compare(parameters, comm, path, number, dt):
+    """Measure both codes; return the costs, a dictionary. Collective."""
     from pgran.solve.driver import matrix_type
     from pgran.space.weakform import discretise
-
-    from .transfer import interpolated
 
     form = discretise(parameters, comm)
     state = interpolated(form, path, number)
@@ -117,23 +113,16 @@ def of_pgran(parameters, comm, path, number):
     form.grid.from_local(state.local, vector)
     zero = np.zeros(form.grid.n_local)
     ranks = comm.tompi4py()
-    return (form.case,
-            best(lambda: form.jacobian(form.grid.to_local(vector), 0.0, increment, matrix), ranks),
-            best(lambda: form.residual(form.grid.to_local(vector), zero, increment), ranks))
-
-
-def action(parameters, args, comm):
-    """Measure both codes and print the result. Collective."""
-    path, number = getattr(args, "from"), args.snapshot
-    case, jacobian, residual = of_pgran(parameters, comm, path, number)
-    times = compiled(case, comm.tompi4py())
-    rows = one_step(parameters, comm, path, number, args.dt)["newton"]
+    jacobian = best(lambda: form.jacobian(form.grid.to_local(vector), 0.0, increment, matrix),
+                    ranks)
+    residual = best(lambda: form.residual(form.grid.to_local(vector), zero, increment), ranks)
+    times = compiled(form.case, ranks)
+    rows = one_step(parameters, comm, path, number, dt)["newton"]
     newton = sum(row["seconds"] for row in rows) / len(rows)
-    if comm.rank == 0:
-        print(json.dumps({"jacobian": [times[0], jacobian], "residual": [times[1], residual],
-                          "newton": [sum(times), newton], "mumps": times[2],
-                          "elements": int(np.prod(case.shape))}), flush=True)
+    return {"jacobian": [times[0], jacobian], "residual": [times[1], residual],
+            "newton": [sum(times), newton], "mumps": times[2],
+            "elements": int(np.prod(form.case.shape))}
 
 
 if __name__ == "__main__":
-    sys.exit(start(sys.argv, action, __doc__, OPTIONS))
+    sys.exit(main(compare, __doc__))

@@ -52,7 +52,6 @@ def measured(result, case, rate, *options):
 
     Backward Euler changes a rate to -ln(1 - rate dt)/dt, which is corrected.
     """
-    result = Path(result)
     mode = result.with_name(f"{result.stem}_mode.h5")
     if not (mode.exists() and mode.stat().st_mtime > result.stat().st_mtime):
         run_on_ranks.python(1, "-m", "pgran.eigen", "-pgran_restart", result, "-pgran_output", mode,

@@ -109,12 +109,11 @@ def draw(result):
     speed, profile = (v * along).sum(axis=0), case.profile()
     line = np.linspace(position.min(), position.max(), 400)
     order, label = np.argsort(position.ravel())[::7], "speed / $d\\,\\dot\\gamma_0$"
-    shape = {"figsize": (12.0, 3.4)}
-    with study.figure(f"flow_{result.options['case']}", 1, 4, **shape) as (figure, axes):
+    with study.figure(f"flow_{result.options['case']}", 1, 4, figsize=(12.0, 3.4)) as (fig, axes):
         for panel, field, name in zip(axes, (speed, I), (label, "I")):
             image = panel.pcolormesh(*(np.pad(part, wraps, mode="wrap") for part in (*x, field)),
                                      shading="gouraud", cmap="viridis")
-            figure.colorbar(image, ax=panel, label=name)
+            fig.colorbar(image, ax=panel, label=name)
             panel.set(xlabel="$x_1/d$", ylabel="$x_2/d$", aspect="equal")
         for panel, field, exact, name in zip(axes[2:], (speed, g), (profile.velocity(line),
                                              profile.fluidity(line)),

@@ -16,9 +16,11 @@ from pgran.options import SolutionError
 from pgran.output.checkpoint import KEPT, checkpoints_of
 from pgran.runs import run_on_ranks
 
+from .study import QUIET
+
 #: A specimen that yields and forms a band in some fifty steps.
 OPTIONS = ("-pgran_element_size", 4, "-pgran_compression", 0.02, "-pgran_snapshots",
-           "0.005,0.01,0.015,0.02", "-pgran_checkpoint_steps", 2, *run_on_ranks.QUIET)
+           "0.005,0.01,0.015,0.02", "-pgran_checkpoint_steps", 2, *QUIET)
 FILE = "options/direct.opts"
 RANKS = 2, 1, 3, 2, 4, 1
 #: Time limit for further steps, s.

@@ -130,32 +130,26 @@ def regime(directory="results/regime", *, options=()):
     draw_regime(np.array([row[:5] for row in rows if len(row) > 5], dtype=float))
 
 
-def rates(numbers, widths):
-    """Return analytical growth rates (widths, numbers) of the sway mode, gdot0, for H = 3 L."""
-    parameters = cases.read({})
-    law = parameters.part("law").of(parameters)
-    return np.array([[specimen.growth_rate(
-        law, "ngf", inertial_number=number, width=width, height=3.0 * width,
-        amplitude=parameters.A) for number in numbers] for width in widths])
-
-
 def draw_regime(rows):
     """Draw the map of ``rows`` (n, 5): L, I0, extremes of I over I0, localised."""
+    parameters = cases.read({})
+    law = parameters.part("law").of(parameters)
     with study.figure("regime", figsize=(6.5, 4.6)) as (figure, axes):
         axes.set(xscale="log", xlabel="$I^0$", ylabel="$L/d$", xlim=(7e-5, 0.14), ylim=(10, 90))
         for localised, marker, label in ((1, "s", "localised"), (0, "o", "not localised")):
             width, number, low, high, _ = rows[rows[:, 4] == localised].T
             image = axes.scatter(number, width, c=np.log10(high - low), s=90, marker=marker,
                                  vmin=-3.0, vmax=1.0, edgecolors="black", label=label)
-        parameters = cases.read({})
         I0 = np.geomspace(1e-4, 0.0167, 400)
-        k_cut = waves.cutoff(waves.Coefficients.of(
-            parameters.part("law").of(parameters), "ngf", I0))
+        k_cut = waves.cutoff(waves.Coefficients.of(law, "ngf", I0))
         axes.plot(I0, np.divide(2.0 * np.pi * parameters.A, k_cut, where=k_cut > 0.0,
                                 out=np.full_like(I0, np.nan)), "k--", label=r"$2\pi/k_{cut}$")
         numbers, widths = np.geomspace(7e-5, 0.14, 32), np.linspace(12.0, 90.0, 20)
-        lines = axes.contour(numbers, widths, rates(numbers, widths), levels=LEVELS,
-                             colors="tab:red", linewidths=0.8)
+        rates = [[specimen.growth_rate(law, "ngf", inertial_number=number, width=width,
+                                       height=3.0 * width, amplitude=parameters.A)
+                  for number in numbers] for width in widths]
+        lines = axes.contour(numbers, widths, rates, levels=LEVELS, colors="tab:red",
+                             linewidths=0.8)
         axes.clabel(lines, fontsize=7, fmt=r"%g $\dot\gamma^0$")
         axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncol=3)
         figure.colorbar(image, label="$\\log_{10}((I_{max} - I_{min})/I^0)$")

@@ -64,7 +64,7 @@ def band_rows(figure, results):
     """Yield the band of each snapshot of figure 3, and at 10 % (NGF) or 1 % (LI) of the others."""
     for name, result in results.items():
         for row in band.measure(result.path):
-            if figure == "fig3" or figure == "fig7" or abs(row["compression"] - 0.10) < 1e-6:
+            if figure in ("fig3", "fig7") or abs(row["compression"] - 0.10) < 1e-6:
                 local = name.startswith("li")  # many bands, in both directions
                 yield (name, 100 * row["compression"], row["inertial_number_min"],
                        row["inertial_number_max"], "yes" if row["localised"] else "no",

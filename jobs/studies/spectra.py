@@ -2,6 +2,7 @@
 
 import subprocess
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 
 from pgran.runs import run_on_ranks
@@ -18,17 +19,13 @@ SPECIMENS = (*product(("1e-3",), (20, 40, 80, 160), (4, 2)), ("1e-3", 320, 8), (
 #: Target of the eigenvalue solver over the analytical growth rate.
 TARGET = 0.999
 RATES = {"computed": ".8g", "analytic": ".8g", "relative error": ".2e"}
+values = itemgetter("computed", "analytic", "relative_error")
 
 
 def eigen(*options):
     """Return the eigenvalues that pgran.eigen finds, a list of dictionaries."""
     return study.json_of(run_on_ranks.RANKS, "pgran.eigen", "-options_file", "options/eigen.opts",
                          *options, "-json")
-
-
-def values(row):
-    """Return the values of the columns `RATES`."""
-    return row["computed"], row["analytic"], row["relative_error"]
 
 
 def single(model, number, k, *options):

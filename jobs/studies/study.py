@@ -23,15 +23,15 @@ __all__ = ["COST", "cost", "result_file"]
 #: Columns of the cost of a run and their formats: steps, Newton and linear iterations, and memory.
 #: Only the benchmarks contain times, because they need an idle machine.
 COST = {"steps": "d", "repeated": "d", "Newton": "d", "linear": "d", "MB": ".0f"}
-#: Error of a command that fails.
-CommandError = subprocess.CalledProcessError
+#: Options of runs that print only errors.
+QUIET = "-pgran_progress", "quiet"
 #: Directory of the generated pages and figures.
 DOCS = Path(os.environ.get("PGRAN_DOCS", "docs"))
 
 
 def run(path, name, *options, **how):
     """Run pgran with options/NAME.opts unless that is done; see `pgran.runs.run_on_ranks.run`."""
-    return run_on_ranks.run(path, f"options/{name}.opts", *run_on_ranks.QUIET, *options, **how)
+    return run_on_ranks.run(path, f"options/{name}.opts", *QUIET, *options, **how)
 
 
 def json_of(ranks, module, *arguments, **how):

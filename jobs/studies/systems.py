@@ -8,24 +8,18 @@ Newton's method is solved. Rank 0 prints one line of JSON: the iterations, or nu
 not converge.
 """
 
-import json
 import sys
+from dataclasses import replace
 
-from pgran.cli import command_option, start
+from .transfer import STEP, interpolated, main
 
-from .transfer import SNAPSHOT
-
-OPTIONS = (
-    *SNAPSHOT,
-    command_option("dt", "floats", "time steps", (1e-3,), unit="1/gdot0", low=0.0, open_low=True))
+STEPS = replace(STEP, kind="floats", meaning="time steps", default=(1e-3,))
 
 
 def iterations(parameters, comm, path, number, steps):
     """Return the iterations for each step, or None if the solver diverges. Collective."""
     from pgran.solve.driver import Driver
     from pgran.space.weakform import discretise
-
-    from .transfer import interpolated
 
     form = discretise(parameters.replace(step_first=min(steps), step_min=min(steps)), comm)
     state = interpolated(form, path, number)
@@ -42,12 +36,5 @@ def iterations(parameters, comm, path, number, steps):
     return found
 
 
-def action(parameters, args, comm):
-    """Solve the systems and print the iterations. Collective."""
-    found = iterations(parameters, comm, getattr(args, "from"), args.snapshot, args.dt)
-    if comm.rank == 0:
-        print(json.dumps(found), flush=True)
-
-
 if __name__ == "__main__":
-    sys.exit(start(sys.argv, action, __doc__, OPTIONS))
+    sys.exit(main(iterations, __doc__, STEPS))

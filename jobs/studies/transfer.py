@@ -1,9 +1,12 @@
 """Interpolation of a snapshot to a finer mesh, exact for piecewise polynomials."""
 
+import json
+import sys
+
 import numpy as np
 
-from pgran.cli import command_option
-from pgran.options import OptionError
+from pgran.cli import start
+from pgran.options import OptionError, command_option
 from pgran.output.reader import ResultError
 from pgran.output.result import Result
 from pgran.solve.state import State
@@ -13,6 +16,22 @@ from pgran.space.element import SHAPE, linear, quadratic
 SNAPSHOT = (
     command_option("from", "str", "result file with the snapshot"),
     command_option("snapshot", "int", "number of the snapshot; negative: from the end", -1))
+#: Option of commands with one time step.
+STEP = command_option("dt", "float", "time step", 1e-3, unit="1/gdot0", low=0.0, open_low=True)
+
+
+def main(function, description, option=STEP):
+    """Run a command on ranks and print its result as JSON; return the exit code.
+
+    It calls ``function(parameters, comm, path, number, dt)`` with the options `SNAPSHOT` and
+    ``option``, which is named ``-dt``.
+    """
+    def action(parameters, args, comm):
+        found = function(parameters, comm, getattr(args, "from"), args.snapshot, args.dt)
+        if comm.rank == 0:
+            print(json.dumps(found), flush=True)
+
+    return start(sys.argv, action, description, (*SNAPSHOT, option))
 
 
 def along(fine, coarse, index, nodal):
@@ -21,9 +40,9 @@ def along(fine, coarse, index, nodal):
     element = np.minimum(index // ratio, coarse - 1)
     weights = nodal(2.0 * (index - ratio * element) / ratio - 1.0)
     per_element = weights.shape[1] - 1
+    nodes = per_element * element[:, None] + np.arange(per_element + 1)
     table = np.zeros((index.size, per_element * coarse + 1))
-    for k in range(per_element + 1):
-        table[np.arange(index.size), per_element * element + k] = weights[:, k]
+    np.put_along_axis(table, nodes, weights, axis=1)
     return table
 
 
@@ -52,12 +71,10 @@ def interpolated(form, path, number):
         return np.einsum("ja,abc,ib->cji", second, values, first, optimize=True).reshape(
             values.shape[2], -1)
 
-    def q2(x):
-        return quadratic(x)[0]
-
     pressure = at(fields["pressure"][::2, ::2], grid.corners, 2, linear)[0]
-    x, velocity, deviator = (at(fields[name], grid.nodes, 1, q2)
-                             for name in ("coordinates", "velocity", "deviator"))
-    fluidity = np.maximum(at(fields["fluidity"], grid.nodes, 1, q2)[0], fields["fluidity"].min())
+    x, velocity, deviator, fluidity = (
+        at(fields[name], grid.nodes, 1, lambda points: quadratic(points)[0])
+        for name in ("coordinates", "velocity", "deviator", "fluidity"))
+    fluidity = np.maximum(fluidity[0], fields["fluidity"].min())
     return State(time, x, grid.join(velocity, fluidity, pressure),
                  SHAPE @ deviator[:, grid.element_nodes])

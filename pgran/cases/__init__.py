@@ -1,8 +1,4 @@
-"""Cases, which are flow problems. A new case is one new file, in this package or elsewhere.
-
-A case derives from `Case`. `read` resolves options, and `create` returns the case that they
-describe.
-"""
+"""Cases, which are flow problems. A new case is one new file, in this package or elsewhere."""
 
 import copyreg
 from abc import ABC, abstractmethod
@@ -51,20 +47,17 @@ class Case(ABC):
     1/gdot0.
     """
 
-    #: Options of the case, which replace common options of the same name. `TIME` is added unless
-    #: there is an option named snapshots.
+    #: Options, which replace common ones. `TIME` is added without an option named snapshots.
     options = ()
     #: Whether the grid is periodic along i and along j.
     periodic = False, False
-    #: Whether the mesh moves with the material. On a fixed mesh the flow rotates and advects the
-    #: stress, and inertia contains the convective acceleration (v.grad) v.
+    #: Whether the mesh moves with the material. Otherwise the flow rotates and advects the stress,
+    #: and inertia contains the convective acceleration (v.grad) v.
     moving = True
-    #: Largest mean side of an element of the coarsest multigrid level, over A d. Such elements
-    #: resolve the long-range coupling of velocity and fluidity. The default is a third of the
+    #: Largest mean side of an element of the coarsest multigrid level, over A d: a third of the
     #: shortest growing wavelength (k A d = 0.1226).
     max_coarse_size = 17.0
-    #: Largest number of elements of the coarsest level, whose matrix every rank may have to
-    #: factorise. It has priority over `max_coarse_size`.
+    #: Largest number of elements of the coarsest level, which has priority over this size.
     max_coarse_elements = 300
     #: The `pgran.kinematics.Kinematics` of the flow.
     kinematics = PLANE
@@ -76,20 +69,18 @@ class Case(ABC):
     specimen = None
     #: Weight per volume (c,), stress/d.
     weight = 0.0, 0.0
-    #: A function of points (2, ...) that returns a source (...) of the fluidity equation, for
-    #: verification, or None.
+    #: Source (...) of the fluidity equation as a function of points (2, ...), or None.
     fluidity_source = None
     #: Sides where g = g_loc replaces the fluidity equation. Their ends must be periodic.
     walls_of_local_fluidity = ()
-    #: Sides where the pressure vanishes. Close to them the fluidity source is integrated as a
-    #: function of the square root of the distance.
+    #: Sides where the pressure vanishes, and the fluidity depends on the root of the distance.
     free_surfaces = ()
     #: Why nothing flows in this case, if this is known in advance.
     why_at_rest = None
     #: Columns that `observe` adds to the history, as {name: unit}, where "stress" in a unit means
     #: ``stress_unit``; or only names, for pure numbers.
     observables = ()
-    #: Name of what `progress` returns, and of the attribute of a snapshot that stores it.
+    #: Name of the quantity `progress`, and of its attribute of a snapshot.
     progress_name = "time"
 
     def __init_subclass__(cls, **more):
@@ -103,10 +94,7 @@ class Case(ABC):
 
     @classmethod
     def resolve(cls, parameters, names):
-        """Complete and check ``parameters``; ``names`` are the options that the user has set.
-
-        By default the snapshots end with ``end_time``.
-        """
+        """Complete and check ``parameters``; ``names`` are the options that the user has set."""
         parameters.snapshots = reached(parameters.snapshots, parameters.end_time)
 
     @classmethod
@@ -123,7 +111,7 @@ class Case(ABC):
 
     @property
     def inertial_time(self):
-        """sqrt(d^2 rho_s) in sqrt(stress)/gdot0: I0 if the stress unit is the reference stress."""
+        """sqrt(d^2 rho_s) in sqrt(stress)/gdot0."""
         return self.parameters.inertial_number
 
     @property
@@ -170,28 +158,23 @@ class Case(ABC):
     @property
     def unknowns(self):
         """Number of unknowns: velocity and fluidity at Q2 nodes, pressure at corners."""
-        nodes, corners = (np.prod([degree * n + 1 - int(wrap) for n, wrap in zip(
-            self.shape, self.periodic)], dtype=float) for degree in (2, 1))
-        fields = self.kinematics.velocities + int(self.material.model.has_fluidity)
+        shape, more = np.array(self.shape, dtype=float), 1 - np.array(self.periodic)
+        nodes, corners = ((degree * shape + more).prod() for degree in (2, 1))
+        fields = self.kinematics.velocities + self.material.model.has_fluidity
         return int(nodes * fields + corners)
 
     @property
     def closed(self):
         """Whether the grid is closed in space along i and along j, as in a ring."""
-        return tuple(wrap and bool((np.abs(shift) <= 1e-9).all())
-                     for wrap, shift in zip(self.periodic, self.period))
+        joined = (np.abs(self.period) <= 1e-9).all(axis=1)
+        return tuple((joined & self.periodic).tolist())
 
     @property
     def period(self):
         """Change of the initial coordinates over one period along i and j, or zero, (2, 2), d."""
-        found = np.zeros((2, 2))
-        for axis, wrap in enumerate(self.periodic):
-            if wrap:
-                index = np.zeros((2, 2), dtype=int)
-                index[axis, 1] = 2 * self.shape[axis]
-                first, last = self.coordinates(*index).T
-                found[axis] = last - first
-        return found
+        nx, ny = self.shape
+        first, *last = self.coordinates(np.array([0, 2 * nx, 0]), np.array([0, 0, 2 * ny])).T
+        return np.where(np.reshape(self.periodic, (2, 1)), last - first, 0.0)
 
     def elements_along(self, name):
         """Return the number of elements of side ``element_size`` along the length ``name``."""
@@ -220,11 +203,10 @@ class Case(ABC):
         return np.full(index[0].size, np.nan)
 
     def tractions(self, time):
-        """Return the loads on sides, {side: traction}; sides are left, right, bottom and top.
+        """Return the loads on sides (left, right, bottom and top), {side: traction}.
 
         ``traction(x, area)`` returns the force (2, ...) on pieces of the deformed side at points
-        ``x`` (2, ...), where ``area`` (2, ...) is the outward normal times the length. `pressure`
-        and `traction` return such functions.
+        ``x`` (2, ...), where ``area`` (2, ...) is the outward normal times the length.
         """
         return {}
 
@@ -249,10 +231,7 @@ class Case(ABC):
     # Start
 
     def start(self, x):
-        """Return velocity (2, n), fluidity (n,) and pressure (n,) at rest, at points (2, n).
-
-        The velocity is the initial guess of Newton's method; without fluidity nothing flows yet.
-        """
+        """Return the initial velocity (2, n), fluidity (n,) and pressure (n,) at points (2, n)."""
         velocity, _, pressure = self.reference(x)
         return velocity, np.zeros(x.shape[1]), pressure
 
@@ -286,11 +265,10 @@ class Case(ABC):
         return f"time {time:.4g}"
 
     def observe(self, flow):
-        """Return the `observables` of an accepted step, {name: number}. Collective.
+        """Return the `observables` of a `pgran.solve.driver.AcceptedStep`, {name: number}.
 
-        ``flow`` is a `pgran.solve.driver.AcceptedStep`. It has ``time``; ``reaction(side)``, the
-        force (2,) on a side; ``torque(side)``; ``extent(side)``, the lengths (2,) of a side along
-        x1 and x2; and ``mean_velocity(side)``, (2,).
+        ``flow`` has ``time``, ``reaction(side)`` (2,), ``torque(side)``, ``extent(side)`` (2,) and
+        ``mean_velocity(side)`` (2,). Collective.
         """
         return {}
 
@@ -340,10 +318,9 @@ def reached(targets, end):
 
 
 class PureShear(Case):
-    """Homogeneous pure shear: units, reference flow and options of specimen and periodic cell.
+    """Homogeneous pure shear in the units of section 4, the base of specimen and periodic cell.
 
-    The units are those of section 4: |sigma_1| for stresses, P0 = 1/(1 - mu_loc(I0)),
-    g0 = 1/mu_loc(I0), v = (x1/2, -x2/2), sqrt(d^2 rho_s) = I0 sqrt(P0).
+    P0 = 1/(1 - mu_loc(I0)), g0 = 1/mu_loc(I0), v = (x1/2, -x2/2), sqrt(d^2 rho_s) = I0 sqrt(P0).
     """
 
     stress_unit = "|sigma_1|"

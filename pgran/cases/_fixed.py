@@ -1,5 +1,7 @@
 """Flows on a fixed mesh: graded elements, walls and their fluidity, gravity."""
 
+from abc import abstractmethod
+
 import numpy as np
 
 from ..options import BOTH, Option, ParameterError, positive
@@ -36,15 +38,13 @@ def options(wall_fluidity="natural", element_size=0.5):
 
 
 class FixedMesh(Case):
-    """A steady or transient flow of width and height on a fixed mesh.
-
-    ``walls`` are the sides where the option ``wall_fluidity`` holds.
-    """
+    """A steady or transient flow of width and height on a fixed mesh."""
 
     moving = False
     #: The fluidity decays over A d/sqrt(mu_s) = 1.6 A d.
     max_coarse_size = 2.1
     max_coarse_elements = np.inf
+    #: Sides where the option ``wall_fluidity`` holds.
     walls = ()
 
     @property
@@ -59,9 +59,9 @@ class FixedMesh(Case):
         velocity, fluidity, pressure = super().start(x)
         return velocity * (self.parameters.start == "flow"), fluidity, pressure
 
+    @abstractmethod
     def profile(self):
         """Return the `pgran.theory.profiles.Profile` of the steady flow."""
-        raise NotImplementedError(f"{type(self).__name__} has no profile")
 
     @property
     def rheology(self):
@@ -69,12 +69,12 @@ class FixedMesh(Case):
         p = self.parameters
         return self.law, self.material.model.theory, p.A, p.inertial_number
 
+    @abstractmethod
     def along(self, x):
         """Return the profile coordinate (...) of points (2, ...) and unit vectors (2, ...).
 
         The first vector points along the flow, the second one along the profile.
         """
-        raise NotImplementedError
 
     def steady(self, profile, x):
         """Return velocity (2, ...), fluidity, pressure and deviator (3, ...) of a profile.
@@ -105,15 +105,11 @@ class FixedMesh(Case):
         return values
 
     def graded(self, index, count, length):
-        """Return the positions (n,) of the nodes ``index`` of ``count`` graded elements, from 0.
-
-        Elements have straight sides: their middle nodes are half-way between the corners.
-        """
-        corner, p = index // 2, self.parameters.grading
-        turns, remainder = np.divmod(np.stack([corner, corner + index % 2]), count)
-        s = remainder / count
-        x = turns + s**p / (s**p + (1.0 - s)**p)
-        return length * x.mean(axis=0)
+        """Return the positions (n,) of the nodes ``index`` of ``count`` graded elements, from 0."""
+        p = self.parameters.grading
+        corners = np.stack([index // 2, (index + 1) // 2])  # a middle node is half-way between them
+        turns, s = np.divmod(corners / count, 1.0)
+        return length * (turns + s**p / (s**p + (1.0 - s)**p)).mean(axis=0)
 
     def static(self, what, mu):
         """Return why nothing flows at the stress ratio ``mu``, or None above yield."""
@@ -122,16 +118,12 @@ class FixedMesh(Case):
                                         f"yield value {limit:.4g}: the material is static")
 
     def refuse_fast(self, name, value, largest, allowed):
-        """Raise `ParameterError` if the law has no steady flow under a load.
-
-        ``largest`` is the stress ratio due to the load ``value``, and ``allowed(limit)`` the load
-        at the limit of the law.
-        """
+        """Raise `ParameterError` if the law has no steady flow at the stress ratio ``largest``."""
         limit = self.law.limit
         if largest >= limit * (1.0 - ROUNDING):
             raise ParameterError(
                 name, f"{value:g}", f"there is no steady flow: mu = {largest:.4g} exceeds the "
-                f"limit {limit:.4g} of the law; must be less than {allowed(limit):.4g}, or use "
+                f"limit {limit:.4g} of the law; must be less than {allowed:.4g}, or use "
                 "another @law")
 
 

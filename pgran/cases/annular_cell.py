@@ -34,6 +34,10 @@ def cell_options(inertial_number, inner, outer, height, top):
         *_fixed.options())
 
 
+#: mu over mu_s at the start of a steady flow.
+START = 0.9
+
+
 class AnnularCell(_fixed.FixedMesh):
     """A cell between a turning and a fixed cylinder."""
 
@@ -100,13 +104,25 @@ class AnnularCell(_fixed.FixedMesh):
         return {"top": pressure(top)} if top and not self.parameters.inertia else {}
 
     def reference(self, x):
-        """Return the flow of a Newtonian fluid between the walls, and the hydrostatic pressure."""
-        p = self.parameters
-        velocity, fluidity, _ = super().reference(x)
-        if p.inner_radius:
-            ratio = (p.outer_radius / np.maximum(x[0], p.inner_radius))**2 - 1.0
-            velocity[2] = x[0] * ratio / ((p.outer_radius / p.inner_radius)**2 - 1.0)
-        return velocity, fluidity, p.top_pressure + p.height - x[1]
+        """Return `turning` with the hydrostatic pressure, and the fluidity where mu = 0.9 mu_s.
+
+        From this fluidity Newton's method converges to the steady flow.
+        """
+        velocity = super().reference(x)[0]
+        angular, rate = self.turning(*x)
+        velocity[2] = x[0] * angular
+        ratio = START * (self.law.yield_ratio or self.stress_ratio)
+        return velocity, rate / ratio, self.hydrostatic(x[1])
+
+    def hydrostatic(self, z):
+        """Return the pressure at heights ``z``."""
+        return self.parameters.top_pressure + self.parameters.height - z
+
+    def turning(self, r, z):
+        """Return angular velocity and shear rate of a Newtonian fluid between the walls, gdot0."""
+        inner, outer = self.parameters.inner_radius, self.parameters.outer_radius
+        scale = (outer / inner)**2 - 1.0
+        return ((outer / r)**2 - 1.0) / scale, 2.0 * (outer / r)**2 / scale
 
     def observe(self, flow):
         """Return the torque of the inner wall on the material, stress d^3."""

@@ -14,9 +14,6 @@ from ..options import BOTH, ParameterError, positive
 from ..theory import profiles
 from . import ROUNDING, _fixed
 
-#: The number of elements around the ring is a multiple of this, for multigrid.
-MULTIPLE = 8
-
 
 class AnnularShear(_fixed.FixedMesh):
     """A ring between a rotating and a fixed cylinder."""
@@ -43,7 +40,8 @@ class AnnularShear(_fixed.FixedMesh):
         if self._across < 1 or abs(self._across * side - (outer - inner)) > ROUNDING * outer:
             raise ParameterError("element_size", f"{side:g}", "must divide the gap of "
                                  f"{outer - inner:g} between the walls")
-        self._around = MULTIPLE * max(1, round(2.0 * np.pi * inner / (side * MULTIPLE)))
+        # Multigrid requires a multiple of 8.
+        self._around = 8 * max(1, round(2.0 * np.pi * inner / (8 * side)))
 
     @property
     def shape(self):
@@ -77,7 +75,6 @@ class AnnularShear(_fixed.FixedMesh):
         return np.array([-x[1], x[0]]) * angular, rate * fluidity, level
 
     def profile(self):
-        """Return the steady profile over the radius; its constant is mu at the inner wall."""
         p = self.parameters
         return profiles.annular_shear(*self.rheology, p.inner_radius, p.outer_radius,
                                       p.wall_fluidity,

@@ -79,18 +79,17 @@ class Biaxial(PureShear):
         return self.elements_along("imperfection_size") if size else 1
 
     def coordinates(self, i, j):
-        half = self.parameters.element_size / 2.0
-        return np.array([i * half, j * half])
+        return np.array([i, j]) * (self.parameters.element_size / 2.0)
 
     def prescribed_velocity(self, time, i, j):
         values = super().prescribed_velocity(time, i, j)
-        values[1, j == 0] = 0.0
-        values[0, (i == 0) & (j == 0)] = 0.0
+        bottom, top = j == 0, j == 2 * self.shape[1]
+        values[1, bottom] = 0.0
+        values[1, top] = -0.5 * self.parameters.height * np.exp(-0.5 * time)
+        values[0, (i == 0) & bottom] = 0.0
         if not self.parameters.plates_slip:
-            ends = (j == 0) | (j == 2 * self.shape[1])
-            x1 = self.coordinates(i, j)[0, ends]  # initial coordinates of the material
-            values[0, ends] = 0.5 * x1 * np.exp(0.5 * time)
-        values[1, j == 2 * self.shape[1]] = -0.5 * self.parameters.height * np.exp(-0.5 * time)
+            x1, _ = self.coordinates(i, j)  # initial coordinates of the material
+            values[0] = np.where(bottom | top, 0.5 * x1 * np.exp(0.5 * time), np.nan)
         return values
 
     def nodes_outside(self, time, x, i, j):

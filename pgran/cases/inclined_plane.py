@@ -33,19 +33,18 @@ class InclinedPlane(_fixed.Layer):
         super().__init__(parameters)
         self._angle = np.radians(parameters.slope)
         self.refuse_fast("slope", parameters.slope, np.tan(self._angle),
-                         lambda limit: np.degrees(np.arctan(limit)))
+                         np.degrees(np.arctan(self.law.limit)))
 
     @property
     def why_at_rest(self):
         p = self.parameters
         static = self.static(f"the slope of {p.slope:g} degrees", np.tan(self._angle))
-        if not static and self.material.model.theory == "ngf_primitive" \
-                and p.wall_fluidity == "zero":
-            least = profiles.stopping_height(self.law, p.A, p.slope)
-            if p.height <= least:
-                return (f"the height of {p.height:g} d does not exceed H_stop = (pi/2) xi = "
-                        f"{least:.4g} d: the material comes to rest")
-        return static
+        if static or self.material.model.theory != "ngf_primitive" or p.wall_fluidity != "zero":
+            return static
+        least = profiles.stopping_height(self.law, p.A, p.slope)
+        return None if p.height > least else (
+            f"the height of {p.height:g} d does not exceed H_stop = (pi/2) xi = {least:.4g} d: the "
+            "material comes to rest")
 
     @property
     def pressure(self):

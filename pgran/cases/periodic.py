@@ -1,10 +1,10 @@
 """A periodic cell of homogeneous pure shear (3.20).
 
 The unknown velocity is the deviation v' from v = (x1/2, -x2/2). Velocity, pressure and fluidity are
-periodic over width and height, with ``cell_elements`` elements in each direction. One corner has
-the pressure P0, because the equations determine the pressure except for a constant. Without
-inertia the velocity of one node is prescribed for the same reason. Inertia is phi rho_s dv'/dt as
-in section 3; the convective term L0 v' is smaller by A^2 phi I0^2/mu_loc and neglected.
+periodic over width and height. One corner has the pressure P0, because the equations determine the
+pressure except for a constant. Without inertia the velocity of one node is prescribed for the same
+reason. Inertia is phi rho_s dv'/dt as in section 3; the convective term L0 v' is smaller by
+A^2 phi I0^2/mu_loc and neglected.
 """
 
 import numpy as np
@@ -40,22 +40,21 @@ class Periodic(PureShear):
         return (self.parameters.cell_elements,) * 2
 
     def coordinates(self, i, j):
-        nx, ny = self.shape
         p = self.parameters
-        return np.array([i * p.width / (2 * nx), j * p.height / (2 * ny)])
+        return np.array([i * p.width, j * p.height]) / (2 * p.cell_elements)
 
     def prescribed_velocity(self, time, i, j):
         values = super().prescribed_velocity(time, i, j)
+        n = self.parameters.cell_elements
         if not self.parameters.inertia:
-            nx, ny = self.shape
-            values[:, (i % (2 * nx) == 0) & (j % (2 * ny) == 0)] = 0.0
+            values[:, (i % (2 * n) == 0) & (j % (2 * n) == 0)] = 0.0
         return values
 
     def prescribed_pressure(self, time, i, j):
-        nx, ny = self.shape
-        return np.where((i % nx == 0) & (j % ny == 0), self.pressure, np.nan)
+        n = self.parameters.cell_elements
+        return np.where((i % n == 0) & (j % n == 0), self.pressure, np.nan)
 
     def yield_factor(self, i, j):
-        nx, ny = self.shape
-        return np.where((i % nx == nx // 2) & (j % ny == ny // 2),
-                        self.parameters.imperfection, 1.0)
+        n = self.parameters.cell_elements
+        centre = (i % n == n // 2) & (j % n == n // 2)
+        return np.where(centre, self.parameters.imperfection, 1.0)

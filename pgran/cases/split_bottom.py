@@ -41,12 +41,12 @@ class SplitBottom(AnnularCell):
         values[:2, floor] = 0.0
         values[2, floor] = (turning * r)[floor]
 
-    def reference(self, x):
-        """Return the flow of a column r < R_s that turns as a block, smoothed over its height."""
-        p = self.parameters
-        velocity, fluidity, pressure = super().reference(x)
-        velocity[2] = 0.5 * x[0] * (1.0 - np.tanh((x[0] - p.split_radius) / (1.0 + x[1]) * 2.0))
-        return velocity, fluidity, pressure
+    def turning(self, r, z):
+        """Return angular velocity and shear rate of a column r < R_s with a blurred boundary."""
+        width = 0.5 * (1.0 + z)
+        u = (r - self.parameters.split_radius) / width
+        slope = 0.5 / np.cosh(np.minimum(np.abs(u), 300.0))**2 / width
+        return 0.5 * (1.0 - np.tanh(u)), r * slope * np.hypot(1.0, 0.5 * u)
 
     def observe(self, flow):
         """Return the torque of the turning parts on the material, stress d^3."""

@@ -30,17 +30,13 @@ class VerticalChute(_fixed.FixedMesh):
 
     def __init__(self, parameters):
         super().__init__(parameters)
-        self.refuse_fast("gravity", parameters.gravity, self.wall_ratio,
-                         lambda limit: 2.0 * limit / parameters.width)
-
-    @property
-    def wall_ratio(self):
-        """Stress ratio at the walls, gravity W/2."""
-        return 0.5 * self.parameters.gravity * self.parameters.width
+        self._wall_ratio = 0.5 * parameters.gravity * parameters.width
+        self.refuse_fast("gravity", parameters.gravity, self._wall_ratio,
+                         2.0 * self.law.limit / parameters.width)
 
     @property
     def why_at_rest(self):
-        return self.static("the wall, gravity W/2,", self.wall_ratio)
+        return self.static("the wall, gravity W/2,", self._wall_ratio)
 
     def coordinates(self, i, j):
         return np.array([self.graded(i, self.shape[0], self.parameters.width),

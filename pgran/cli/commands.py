@@ -1,6 +1,5 @@
 """Commands that do not need PETSc, and the help texts of all commands."""
 
-import argparse
 import json
 import re
 import sys
@@ -60,21 +59,12 @@ def values_of(options, texts):
         for option in options})
 
 
-def run_without_petsc(arguments, name, action, description, options, operands="", runs=False):
+def run_without_petsc(arguments, name, action, description, options, operands=""):
     """Run a command that does not need PETSc; return the exit code.
 
-    Parameters
-    ----------
-    arguments : list of str
-        The command line without the name of the program.
-    action : callable
-        ``action(args, operands)``, or ``action(parameters, args)`` with ``runs``.
-    options : tuple of pgran.options.Option
-        Options of the command.
-    operands : str
-        Description of the arguments without a dash, if the command has any.
-    runs : bool
-        Whether the command accepts the options of a run.
+    ``arguments`` lack the name of the program, and ``operands`` describes those without a dash. A
+    command without operands accepts the options of a run: it calls ``action(parameters, args)``
+    instead of ``action(args, operands)``.
     """
     guard_streams()
     if set(VERSION) & set(arguments):
@@ -82,49 +72,42 @@ def run_without_petsc(arguments, name, action, description, options, operands=""
         return 0
     wanted, all_options = help_wanted(arguments)
     if wanted or not arguments:
-        more = (f"\n\n{help_text(cases.read({}).options)}" if all_options else
-                f"\n\n-help {ALL} lists the options of a run too.") if runs else ""
+        more = "" if operands else (f"\n\n{help_text(cases.read({}).options)}" if all_options else
+                                    f"\n\n-help {ALL} lists the options of a run too.")
         print(f"{description}\nOptions:\n\n{help_text(options)}{more}")
         return int(not wanted)
 
     def work():
-        texts, found = _parse(arguments, options, bool(operands), runs)
+        texts, others = _parse(arguments, options, run_options=not operands)
         args = values_of(options, texts)
-        if operands and not found:
+        if not operands:
+            with np.errstate(over="raise", divide="raise"):
+                action(cases.read(parsed(others)), args)
+        elif others:
+            action(args, others)
+        else:
             raise OptionError(f"{operands} missing")
-        overflow = "raise" if runs else "warn"
-        with np.errstate(over=overflow, divide=overflow):
-            action(*((cases.read(texts), args) if runs else (args, found)))
         sys.stdout.flush()
 
     return exit_code(f"pgran.{name}", work) or int(sys.stdout.failed)
 
 
-class _Parser(argparse.ArgumentParser):
-    """Options with one dash and their full name; values may begin with a minus sign."""
-
-    def __init__(self):
-        super().__init__(add_help=False, allow_abbrev=False)
-        self._negative_number_matcher = re.compile(r"-[\d.]")
-
-    def _get_option_tuples(self, option_string):
-        return []  # no abbreviations
-
-    def error(self, message):
-        raise OptionError(message.replace("argument ", "").replace("expected one argument",
-                                                                   "the value is missing"))
-
-
-def _parse(arguments, options, operands, runs):
-    """Split a command line into texts of options, {name: text}, and operands, a list."""
-    parser = _Parser()
-    for option in options:
-        flag = {"action": "store_const", "const": "true"} if option.kind == "flag" else {}
-        parser.add_argument(f"-{option.name}", **flag)
-    found, rest = parser.parse_known_args(arguments)
-    for word in rest:
-        option = word.startswith("-") and not re.match(r"-[\d.]", word)
-        if option and not (runs and word.startswith(f"-{PREFIX}")):
+def _parse(arguments, options, run_options):
+    """Split a command line into texts of options, {name: text}, and other words, a list."""
+    kinds = {f"-{option.name}": option.kind for option in options}
+    texts, others, words = {}, [], iter(arguments)
+    for word in words:
+        if word in kinds:
+            text = "true" if kinds[word] == "flag" else next(words, None)
+            if text is None or _is_option(text):
+                raise OptionError(f"{word}: the value is missing")
+            texts[word[1:]] = text
+        elif _is_option(word) and not (run_options and word.startswith(f"-{PREFIX}")):
             raise unknown_option(word.lstrip("-"), [option.name for option in options], "")
-    texts = {name: text for name, text in vars(found).items() if text is not None}
-    return (texts, rest) if operands else ({**texts, **parsed(rest)}, [])
+        else:
+            others.append(word)
+    return texts, others
+
+
+def _is_option(word):
+    return re.match(r"-[^\d.]", word)  # a value may be a negative number

@@ -28,19 +28,8 @@ def start(arguments, action, description="", options=(), slepc=False,
 
     An error that all ranks raise is reported once; an error on some ranks ends all of them.
 
-    Parameters
-    ----------
-    arguments : list of str
-        The command line, beginning with the name of the program.
-    action : callable
-        Its arguments are the resolved `pgran.options.Parameters`, a namespace with the options of
-        the command, and the communicator of PETSc.
-    options : tuple of pgran.options.Option
-        Options of the command.
-    slepc : bool
-        Whether to start SLEPc too.
-    complete : callable
-        ``complete(texts)`` returns all options of a run, {name: text}, from the given ones.
+    ``arguments`` begin with the name of the program, and ``args`` has the values of the command's
+    ``options``. ``complete(texts)`` returns all options of a run, {name: text}, from given ones.
     """
     guard_streams()
     module = sys.modules.get("petsc4py.PETSc")
@@ -76,7 +65,7 @@ def start(arguments, action, description="", options=(), slepc=False,
             texts = given_texts(options)
             if wanted or not arguments[1:]:
                 kinds = [f"{PREFIX}{kind.name}" for kind in cases.KINDS]
-                chosen = {name: texts[name] for name in kinds if name in texts}
+                chosen = {name: text for name, text in texts.items() if name in kinds}
                 run_options = cases.read(chosen).options if all_options or texts else ()
                 if comm.rank == 0:
                     print(run_help(description, options, run_options), flush=True)

@@ -12,49 +12,26 @@ BOOLS = {"true": True, "1": True, "yes": True, "on": True, "": True,
 
 @dataclass(frozen=True)
 class Option:
-    """One option: its name without prefix, its type, its allowed values and its documentation.
-
-    Attributes
-    ----------
-    kind : str
-        float, int, bool, str, flag (a bool without a value), floats or ints (comma-separated
-        lists).
-    default : object
-        None if the option is unset or follows from other options.
-    low, high : float
-        Bounds, which ``open_low`` and ``open_high`` exclude.
-    length : int
-        Length of a list; 0 for any length.
-    shared : tuple of str
-        The input files that must have been made with the same value: restart, mode_file.
-    words : str
-        Description of the allowed values, if the other attributes do not give it.
-    needs : str
-        Another option, without which this one has no effect.
-    suffix : str
-        Required end of a file name.
-    changeable : bool
-        Whether a restart may change the value.
-    """
+    """One option: its name without prefix, its type, its allowed values and its documentation."""
 
     name: str
-    kind: str
-    default: object
+    kind: str  #: float, int, bool, str, flag (a bool without a value), floats or ints (lists)
+    default: object  #: None if the option is unset or follows from other options
     unit: str
     meaning: str
     equation: str = ""
     choices: tuple = ()
     low: float = -math.inf
     high: float = math.inf
-    open_low: bool = False
+    open_low: bool = False  #: whether the bound is excluded
     open_high: bool = False
-    length: int = 0
-    shared: tuple = ()
+    length: int = 0  #: of a list; 0 for any length
+    shared: tuple = ()  #: input files that need the same value: restart, mode_file
     prefix: str = PREFIX
-    words: str = ""
-    needs: str = ""
-    suffix: str = ""
-    changeable: bool = False
+    words: str = ""  #: allowed values, if the other attributes do not describe them
+    needs: str = ""  #: another option, without which this one has no effect
+    suffix: str = ""  #: required end of a file name
+    changeable: bool = False  #: whether a restart may change the value
 
     @property
     def allowed(self):

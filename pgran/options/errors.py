@@ -16,16 +16,8 @@ class OptionError(ValueError):
 class ParameterError(ValueError):
     """A parameter is malformed, out of bounds, or contradicts another one.
 
-    Parameters
-    ----------
-    name : str
-        Name of the parameter, without prefix.
-    value : object
-        Its value, or None if it is unknown.
-    reason : str
-        What is wrong, or what is allowed. Other parameters are written as ``@name``.
-    prefix : str
-        Prefix of the option: ``pgran_``, or empty for options of PETSc or of one command.
+    ``value`` is None if it is unknown. ``reason`` names other parameters as ``@name``. The prefix
+    is empty for options of PETSc or of one command.
     """
 
     def __init__(self, name, value, reason, prefix=PREFIX):

@@ -95,17 +95,11 @@ def shipped(name):
 
 
 def default_solver(texts):
-    """Return the solver of a run with options {name: text}, including options of PETSc.
+    """Return the path and the missing options {name: text} of the solver of a run.
 
     It is the solver in the options file of the case if it suits the model and -ts_type, otherwise
-    MUMPS as in options/solver_lu.opts.
-
-    Returns
-    -------
-    path : Path or None
-        The options file of the solver; None if ``-pc_type`` is among the options.
-    solver : dict
-        {name: text} of the options that are missing.
+    MUMPS as in options/solver_lu.opts. The path is None if ``texts``, {name: text} of all options,
+    contain ``-pc_type``.
     """
     path, solver = None, {}
     if "pc_type" not in texts:

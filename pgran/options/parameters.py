@@ -24,10 +24,10 @@ def _component(name, default, folder, meaning, equation=""):
                   words=allowed_names(modules_of(path)))
 
 
-#: Subjects of the options in `RUN`, and the first option of each.
-GROUPS = {"problem": "case", "material and loading": "phi", "output, restart and start": "output",
-          "time stepping": "step_error", "solver": "tolerance_full_deviation",
-          "units and terminal": "grain_diameter"}
+#: Subjects of the options in `RUN` by the first option of each.
+GROUPS = {"case": "problem", "phi": "material and loading", "output": "output, restart and start",
+          "step_error": "time stepping", "tolerance_full_deviation": "solver",
+          "grain_diameter": "units and terminal"}
 #: The options that every run has.
 RUN = (
     _component("case", "biaxial", "cases", "flow problem: domain, boundary conditions, loads, "
@@ -95,15 +95,10 @@ RUN = (
 
 
 class Parameters(SimpleNamespace):
-    """The resolved options; each option is an attribute."""
+    """The resolved options; each option is an attribute, and ``options`` are the `Option`s."""
 
     def __init__(self, options, parts, **values):
-        super().__init__(_options=tuple(options), _parts=dict(parts), **values)
-
-    @property
-    def options(self):
-        """The `Option`s, a tuple."""
-        return self._options
+        super().__init__(options=tuple(options), _parts=dict(parts), **values)
 
     def part(self, name):
         """Return the class of the component ``name``: case, law or model."""
@@ -111,13 +106,13 @@ class Parameters(SimpleNamespace):
 
     def replace(self, **changes):
         """Return a copy with some values changed. The new values are not checked."""
-        values = {option.name: getattr(self, option.name) for option in self._options}
-        return Parameters(self._options, self._parts, **{**values, **changes})
+        values = {option.name: getattr(self, option.name) for option in self.options}
+        return Parameters(self.options, self._parts, **{**values, **changes})
 
     def text(self):
         """Return the parameters as the lines of an options file."""
         return "".join(f"-{option.prefix}{option.name} {plain(getattr(self, option.name))}\n"
-                       for option in self._options if getattr(self, option.name) is not None)
+                       for option in self.options if getattr(self, option.name) is not None)
 
 
 def written(text):
@@ -142,24 +137,11 @@ def table(parts):
 
 
 def read(texts, kinds, stored=False):
-    """Return the resolved `Parameters`.
+    """Return the resolved `Parameters` of {name: text}; names without the prefix are ignored.
 
-    Parameters
-    ----------
-    texts : dict
-        {name: text} of options. Names without the prefix ``pgran_`` are ignored.
-    kinds : iterable of Component
-        Case, law and model.
-    stored : bool
-        Whether the options were read from a result file. Then names of release 0.2 are accepted,
-        and options of other components are ignored.
-
-    Raises
-    ------
-    OptionError
-        If a name is unknown, or belongs to another case, law or model.
-    ParameterError
-        If a value is not allowed, or contradicts another one.
+    ``kinds`` are the `Component` of case, law and model. If the texts were ``stored`` in a result
+    file, names of release 0.2 are accepted, and options of other components are ignored. Otherwise
+    these raise `OptionError`, as unknown names do. Invalid values raise `ParameterError`.
     """
     texts = {name[len(PREFIX):]: text or "" for name, text in texts.items()
              if name.startswith(PREFIX)}
@@ -208,10 +190,10 @@ def _check_combinations(parameters):
 
 def markdown(kinds):
     """Return the tables of all options in Markdown: of every run by subject, then by owner."""
-    names, tables = [option.name for option in RUN], {}
-    starts = [names.index(first) for first in GROUPS.values()]
-    for title, start, end in zip(GROUPS, starts, [*starts[1:], len(RUN)]):
-        tables[f"Every run: {title}"] = RUN[start:end]
+    tables, subject = {}, ""
+    for option in RUN:
+        subject = GROUPS.get(option.name, subject)
+        tables.setdefault(f"Every run: {subject}", []).append(option)
     for kind in kinds:
         owners = {}
         for name in kind.names:

@@ -50,13 +50,13 @@ def _solve(stop_request, control_comm):
     """Run the simulation that PETSc's options describe; an error on some ranks ends all."""
     from petsc4py import PETSc
 
-    from ..__main__ import complete, prepared
+    from ..__main__ import Run, complete
 
     work = None
     try:
         parameters = cases.read(complete(given_texts()))
         check_names(PETSc.Options().getAll(), (), parameters.options)
-        work = prepared(parameters, PETSc.COMM_WORLD, stop_request)
+        work = Run(parameters, PETSc.COMM_WORLD, stop_request)
         work.do()
     except BaseException as error:
         cause = callback_error(error)

@@ -32,8 +32,6 @@ GRACE = 10.0
 #: Variables of Open MPI that users set and that do not describe a running job.
 NETWORK = ("OMPI_MCA_pml", "OMPI_MCA_btl", "OMPI_MCA_mtl", "PMIX_MCA_psec",
            "OMPI_MCA_hwloc_base_binding_policy", "OMPI_MCA_mpi_yield_when_idle")
-#: Options of runs that print only errors.
-QUIET = "-pgran_progress", "quiet"
 
 
 def command(ranks, *arguments):
@@ -126,9 +124,8 @@ def attributes(path, options_file, options=()):
     """Return the root attributes of a result file if it was made with these options, else {}.
 
     All resolved options except `IGNORED` and all options of PETSc must be equal. The file must be
-    newer than the options file, than the files of user-defined classes, and than the result or mode
-    that the run starts from. The words ``options`` override the ``options_file``, which may be
-    None.
+    newer than the options file (or None), the files of user-defined classes, and the result or mode
+    that the run starts from.
     """
     parameters = requested_parameters(options_file, *options)
     if not holds(path, parameters):
@@ -145,10 +142,9 @@ def attributes(path, options_file, options=()):
     stored = {line[1:].partition(" ")[::2] for line in found["solver_options"].splitlines()}
     texts = combined_options(options_file, *options)
     # Release 0.2 stored only the options that were given.
-    for requested in (texts, {**default_solver(texts)[1], **texts}):
-        if stored == {item for item in requested.items() if not item[0].startswith(PREFIX)}:
-            return found
-    return {}
+    same = any(stored == {item for item in requested.items() if not item[0].startswith(PREFIX)}
+               for requested in (texts, {**default_solver(texts)[1], **texts}))
+    return found if same else {}
 
 
 def done(path, options_file, options=()):
@@ -176,14 +172,8 @@ def run(path, options_file, *options, ranks=None, needed=True):
     """Run pgran unless the run is `done`; return the `pgran.output.result.Result`.
 
     A run that was stopped or killed resumes from its last checkpoint. See `attributes` for the
-    options and `pgran.runs.sweep.run` for the errors.
-
-    Parameters
-    ----------
-    ranks : int, optional
-        `RANKS` by default; 0 runs without mpiexec.
-    needed : bool
-        Whether a failure is an error; otherwise None is returned.
+    options and `pgran.runs.sweep.run` for the errors. ``ranks`` is `RANKS` by default; 0 runs
+    without mpiexec. A failure of a run that is not ``needed`` returns None.
     """
     words = pending(path, options_file, *options)
     if words is None:

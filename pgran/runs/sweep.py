@@ -26,6 +26,9 @@ def run(output=None, options_file=None, ranks=None, **options):
     """Run pgran and return its `pgran.output.result.Result`.
 
     Without ``ranks`` it runs in this process, collectively if the script runs on several ranks.
+    Inconsistent options raise OptionError or ParameterError before the run. A run that fails raises
+    SolutionError; separate processes print the reason to standard error. A run that a signal stops
+    raises Interrupted, and the same call resumes it.
 
     Parameters
     ----------
@@ -39,15 +42,6 @@ def run(output=None, options_file=None, ranks=None, **options):
     **options
         Options of pgran by their names without prefix, such as ``inertial_number=0.003``. Options
         of PETSc are given as ``petsc={"snes_atol": 1e-6}``.
-
-    Raises
-    ------
-    OptionError, ParameterError
-        If options are inconsistent. Nothing has been run then.
-    SolutionError
-        If the run fails. Separate processes print the reason to standard error.
-    Interrupted
-        If a signal stops the run. The same call resumes it.
     """
     case = str(options.get("case", "biaxial"))
     output = Path(output or Path("results") / f"{Path(case.split(':')[0]).stem}.h5")
@@ -81,6 +75,8 @@ def result_file(directory, name):
 def sweep(parameters, directory="results/sweep", workers=1, task=None, **common):
     """Run pgran for each point of a grid of parameters and return a `Sweep`.
 
+    Inconsistent options of any point raise an error before the first run.
+
     Parameters
     ----------
     parameters : dict
@@ -94,11 +90,6 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
         SGE, if there is one.
     **common
         Arguments of `run`: ``ranks`` (0 by default), ``options_file``, and options of all runs.
-
-    Raises
-    ------
-    OptionError, ParameterError
-        If the options of a point are inconsistent. Nothing has been run then.
     """
     if not isinstance(parameters, Mapping) or not parameters:
         raise OptionError("a sweep needs {name: values}")
@@ -134,21 +125,12 @@ def sweep(parameters, directory="results/sweep", workers=1, task=None, **common)
 
 @dataclass
 class Sweep:
-    """The results of a sweep.
-
-    Attributes
-    ----------
-    failures : dict
-        {number of a point: error message} of the runs that failed.
-    runs : dict
-        {number of a point: identifier of its run} of the runs that succeeded. A file with another
-        run causes a `ResultError`.
-    """
+    """The results of a sweep; a file of another run causes a `ResultError`."""
 
     points: list
     paths: list
-    failures: dict
-    runs: dict
+    failures: dict  #: {number of a point: error message} of the runs that failed
+    runs: dict  #: {number of a point: identifier of its run} of the runs that succeeded
 
     def __len__(self):
         return len(self.points)

@@ -20,16 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-#: Points per panel, and additional points of the solution that estimates the error.
-POINTS, MORE = 20, 6
+#: Points per panel, additional points of the solution that estimates the error, and maximum number
+#: of times that all panels are halved.
+POINTS, MORE, HALVINGS = 20, 6, 4
 #: Longest panel, d.
 LONGEST = 1.5
 #: Error of a profile over its maximum: aim, and largest value that is accepted.
 TOLERANCE, LARGEST = 1e-10, 1e-6
-#: Smallest speed over the speed of the wall.
-TINY = 1e-12
-#: Maximum number of times that all panels are halved.
-HALVINGS = 4
 
 
 class Panels:
@@ -68,9 +65,8 @@ class StressProfile:
     """Stress ratio ``mu`` and pressure ``P`` at positions (...), and boundaries of a flow.
 
     The sign of mu is the sign of the shear rate. ``ends`` are ends of panels, ``wall`` is the
-    fluidity at walls (natural, zero or local), and in a ``ring`` x is the radius. ``depth`` is the
-    height H of a flow with a free surface. The panels are then in u = sqrt(H - x): the surface is
-    the left end and the base is the right end.
+    fluidity at walls (natural, zero or local), and in a ``ring`` x is the radius. The panels of a
+    flow of height ``depth`` H with a free surface are in u = sqrt(H - x), from surface to base.
     """
 
     mu: object
@@ -90,8 +86,7 @@ class StressProfile:
 class Profile:
     """A steady flow; its functions take positions (...), d.
 
-    ``constant`` is tau_w (planar shear) or mu_i (annulus), and ``error`` the larger of the
-    estimated errors of g and v over their maxima.
+    ``constant`` is tau_w (planar shear) or mu_i (annulus), and ``error`` is relative.
     """
 
     panels: Panels
@@ -127,31 +122,67 @@ class Rheology:
         self.law, self.model, self.A, self.I0 = law, model, A, I0
         self._halvings = 0
 
-    def refined(self, find):
-        """Return the `Profile` ``find(self)`` on panels that are halved until it is accurate.
+    def profile(self, make, speed=None):
+        """Return the `Profile` of the flow ``make(mu)`` on panels that are halved until accurate.
 
-        Refinement ends early where rounding dominates, as just above a stopping height.
+        ``mu`` is the largest stress ratio of a flow with a given wall speed, and None otherwise.
         """
         best = None
         for self._halvings in range(HALVINGS + 1):
-            found = find(self)
-            if best is not None and found.error > best.error:
+            mu = None if speed is None else self._stress_ratio(make, speed)
+            flow = make(mu)
+            coarse, *less = self._solve(flow, POINTS)
+            fine, *more = self._solve(flow, POINTS + MORE)
+            error = max(np.abs(coarse.at(a, fine.x) - b).max() / (np.abs(b).max() or 1.0)
+                        for a, b in zip(less, more))
+            if best is not None and error > best.error:
+                break  # rounding dominates, as just above a stopping height
+            best = Profile(fine, *more, flow, mu, error)
+            if error < TOLERANCE:
                 break
-            best = found
-            if best.error < TOLERANCE:
-                return best
         if not best.error < LARGEST:
             raise ValueError(f"the profile has an error of {best.error:.1e} of its maximum")
         return best
 
-    def solve(self, flow, n):
-        """Return `Panels` with ``n`` points per panel, and g and v (m, n) of a flow."""
+    def _stress_ratio(self, make, speed):
+        """Return the stress ratio at which the flow ``make(mu)`` has a wall speed."""
+        span = min(self.law.limit, 1e3) - self.law.yield_ratio
+
+        def mu(position):
+            return self.law.yield_ratio + span * np.exp(position) / (1.0 + np.exp(position))
+
+        def excess(position):
+            flow = make(mu(position))
+            v = self._solve(flow, POINTS)[2]
+            return np.log(max((v[0, 0] if flow.ring else v[-1, -1]) / speed, 1e-12))
+
+        low = high = 0.0
+        while excess(low) > 0.0:
+            low -= 3.0
+        while excess(high) < 0.0:
+            high += 3.0
+            if high > 34.0:
+                raise ValueError("the law does not allow flow at this speed")
+        return mu(_root(excess, low, high))
+
+    def _solve(self, flow, n):
+        """Return `Panels` with ``n`` points per panel, and g and v (m, n) of a flow.
+
+        v is zero at the left end, but in a ring and on a slope at the right end.
+        """
         ends = flow.ends
         for _ in range(self._halvings):
             ends = np.sort(np.concatenate([ends, (ends[1:] + ends[:-1]) / 2.0]))
         panels = Panels(ends, n)
         g = self._fluidity(flow, panels)
-        return panels, g, self._velocity(flow, panels, g)
+        rate = g * flow.mu(panels.x)
+        if flow.depth is not None:
+            v = panels.integral(-2.0 * panels.x * rate)
+            return panels, g, v - v[-1, -1]
+        if not flow.ring:
+            return panels, g, panels.integral(rate)
+        angular = panels.integral(-rate / panels.x)
+        return panels, g, panels.x * (angular - angular[-1, -1])
 
     def _fluidity(self, flow, panels):
         middle = panels.x.mean(axis=1, keepdims=True)
@@ -211,61 +242,19 @@ class Rheology:
                 right[end, end] = target[end, end] if flow.wall == "local" else 0.0
         return np.linalg.solve(matrix.reshape(m * n, m * n), right.ravel()).reshape(m, n)
 
-    def _velocity(self, flow, panels, g):
-        """Return v (m, n): zero at the left end, in a ring and on a slope at the right end."""
-        rate = g * flow.mu(panels.x)
-        if flow.depth is not None:
-            v = panels.integral(-2.0 * panels.x * rate)
-            return v - v[-1, -1]
-        if not flow.ring:
-            return panels.integral(rate)
-        angular = panels.integral(-rate / panels.x)
-        return panels.x * (angular - angular[-1, -1])
-
-    def profile(self, flow, constant=None):
-        """Return the `Profile` of a flow on the current panels."""
-        coarse, *less = self.solve(flow, POINTS)
-        fine, *more = self.solve(flow, POINTS + MORE)
-        errors = [np.abs(coarse.at(a, fine.x) - b).max() / (np.abs(b).max() or 1.0)
-                  for a, b in zip(less, more)]
-        return Profile(fine, *more, flow, constant, max(errors))
-
-    def driven(self, make, speed):
-        """Return the `Profile` with a given wall speed; ``make(mu)`` makes a flow of largest mu."""
-        span = min(self.law.limit, 1e3) - self.law.yield_ratio
-
-        def mu(position):
-            return self.law.yield_ratio + span * np.exp(position) / (1.0 + np.exp(position))
-
-        def excess(position):
-            flow = make(mu(position))
-            v = self.solve(flow, POINTS)[2]
-            return np.log(max(v[0, 0] if flow.ring else v[-1, -1], TINY * speed) / speed)
-
-        low = high = 0.0
-        while excess(low) > 0.0:
-            low -= 3.0
-        while excess(high) < 0.0:
-            high += 3.0
-            if high > 34.0:
-                raise ValueError("the law does not allow flow at this speed")
-        found = mu(_root(excess, low, high))
-        return self.profile(make(found), float(found))
-
 
 def _split(start, end, cuts=()):
     """Ends of panels from ``start`` to ``end``, including the ``cuts`` between them."""
     inner = [cut for cut in cuts if start + 1e-12 * end < cut < end * (1.0 - 1e-12)]
     stops = np.unique([start, *inner, end])
-    parts = [np.linspace(a, b, 1 + max(1, int(np.ceil((b - a) / LONGEST))))
-             for a, b in zip(stops, stops[1:])]
-    return np.unique(np.concatenate(parts))
+    return np.unique(np.concatenate([np.linspace(a, b, 1 + int(np.ceil((b - a) / LONGEST)))
+                                     for a, b in zip(stops, stops[1:])]))
 
 
 def _root(function, low, high):
     from scipy.optimize import brentq  # slow to import
 
-    return brentq(function, low, high, xtol=1e-15, rtol=4.0 * np.finfo(float).eps)
+    return brentq(function, low, high, xtol=1e-15)
 
 
 def planar_shear(law, model, A, I0, height, gravity=0.0, wall="natural"):
@@ -277,7 +266,7 @@ def planar_shear(law, model, A, I0, height, gravity=0.0, wall="natural"):
         cuts = [height - (tau / law.yield_ratio - 1.0) / gravity] if gravity else []
         return StressProfile(lambda x: tau / P(x), P, _split(0.0, height, cuts), wall)
 
-    return Rheology(law, model, A, I0).refined(lambda rheology: rheology.driven(make, height))
+    return Rheology(law, model, A, I0).profile(make, height)
 
 
 def vertical_chute(law, model, A, I0, width, gravity, wall="natural"):
@@ -286,7 +275,7 @@ def vertical_chute(law, model, A, I0, width, gravity, wall="natural"):
     cuts = [width / 2.0 - reach, width / 2.0, width / 2.0 + reach]
     flow = StressProfile(lambda x: gravity * (width / 2.0 - x), np.ones_like,
                          _split(0.0, width, cuts), wall)
-    return Rheology(law, model, A, I0).refined(lambda rheology: rheology.profile(flow))
+    return Rheology(law, model, A, I0).profile(lambda mu: flow)
 
 
 def annular_shear(law, model, A, I0, inner, outer, wall="natural", density=0.0):
@@ -309,7 +298,7 @@ def annular_shear(law, model, A, I0, inner, outer, wall="natural", density=0.0):
         return StressProfile(mu, pressure, _split(inner, outer, [cut]), wall, True)
 
     for _ in range(60):
-        previous, found = found, rheology.refined(lambda one: one.driven(make, inner))
+        previous, found = found, rheology.profile(make, inner)
         if not density or previous and abs(found.constant - previous.constant) < 1e-13:
             return found
         panels = found.panels
@@ -328,14 +317,11 @@ def inclined_plane(law, model, A, I0, height, slope, wall="zero"):
                          "limit")
     flow = StressProfile(lambda u: np.full_like(u, mu), lambda u: np.cos(angle) * u**2,
                          np.sqrt(_split(0.0, height)), wall, depth=height)
-    return Rheology(law, model, A, I0).refined(lambda rheology: rheology.profile(flow))
+    return Rheology(law, model, A, I0).profile(lambda mu: flow)
 
 
 def stopping_height(law, A, slope):
-    """Return H_stop = (pi/2) xi, d, of dynamic NGF on a slope (degrees); inf below yield.
-
-    The base has g = 0 and the surface no flux.
-    """
+    """Return H_stop = (pi/2) xi, d, of dynamic NGF on a slope (degrees) with g = 0 at the base."""
     mu = np.tan(np.radians(slope))
     if mu <= law.yield_ratio:
         return np.inf

@@ -28,18 +28,10 @@ rate of the amplitude at material points, while the material shortens the wave. 
 move along the plates. If a solver holds a corner, r is the same without inertia; with inertia the
 corner couples the waves and changes r.
 
-The solutions are exponentials exp(+-sqrt(q) x1). With lengths in 1/k and m = 1/(1 + r eta0/G),
-the amplitudes of v1,1 and eta0 g' are 2 q and F/(m mu) with
-
-    W = m eta0 [(1 + eta0/G) q + 1 - eta0/G],       R+- = phi rho_s (r +- 1/2)
-    N = (q - 1) W - R- q - R+,                      F = 2 q (2 m eta0 - W + R-) + (1 + m mu) N
-
-where q are the three roots (two for LI) of
-
-    (1 + m beta) F - m mu (1/2 - m beta r eta0/G) N - 4 m^2 beta eta0 q
-        - [A^2 d^2 (q - 1) - t0 r] F/(A^2 d^2/xi^2) = 0,    beta = mu/(I0 mu_loc'(I0)) - 1
-
-and sigma_11 = 2 (W + R+), sigma_12 = -2 sqrt(q) W. The conditions at one face determine the
+The solutions are exponentials exp(+-sqrt(q) x1). With lengths in 1/k, R+ = phi rho_s (r + 1/2) and
+m = 1/(1 + r eta0/G), the amplitudes of v1,1, eta0 g', sigma_11 and sigma_12 are 2 q, F/(m mu),
+2 (W + R+) and -2 sqrt(q) W, where q are the three roots (two for LI) of the characteristic
+polynomial. `_Across.polynomials` defines it, W and F. The conditions at one face determine the
 weights of the roots.
 
 `column_growth_rate` is the long-wave limit, a creeping column. Units: d, |sigma_1| and 1/gdot0.
@@ -48,38 +40,38 @@ weights of the roots.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import chebyshev, polynomial
+from numpy.linalg import matrix_power
+from numpy.polynomial import Polynomial, chebyshev
 from scipy.linalg import expm
+from scipy.sparse.csgraph import connected_components
 
 from . import check_relaxation_time, inverse_length_squared
 
 MODELS = "ngf", "ngf_primitive", "li"
-#: Both faces are displaced in the same direction, or in opposite directions.
+#: The faces are displaced in the same direction, or in opposite directions.
 PARITIES = "sway", "barrel"
 #: Roots whose exponents over half a width differ by less than this form a block.
 CLOSE = 1.0
-#: The secant method ends when the relative change of the growth rate is below the first value, or
-#: below the second one and not smaller than the previous change.
-TOLERANCE, ROUNDING = 1e-12, 1e-8
 #: Largest relative difference between the growth rates of secant method and collocation.
 TRUST = 0.01
 
 
-@dataclass(frozen=True)
+@dataclass
 class Specimen:
-    """A specimen and a wave, the arguments of `growth_rate` and `column_growth_rate`."""
+    """A specimen and a wave, the arguments of `growth_rate` and `column_growth_rate`.
+
+    The other attributes are mu_loc(I0) (``mu``), mu_loc'(I0) (``slope``), ``viscosity`` eta0 =
+    mu P0 in |sigma_1|/gdot0, and ``wave_number`` k = n pi/H in 1/d.
+    """
 
     law: object
-    #: One of `MODELS`.
     model: str
-    #: I0 of the homogeneous flow.
     inertial_number: float
     #: L and H, d.
     width: float
     height: float
     #: Number n of half waves over the height.
     half_waves: int = 1
-    #: One of `PARITIES`.
     parity: str = "sway"
     #: Non-local amplitude A.
     amplitude: float = 0.48
@@ -99,6 +91,8 @@ class Specimen:
             if not 0.0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} {getattr(self, name)}: must be a number > 0")
         check_relaxation_time(self.model, self.relaxation_time)
+        self.mu, self.slope = (float(part) for part in self.law.stress_ratio(
+            np.asarray(float(self.inertial_number))))
         where = f"inertial_number {self.inertial_number}"
         if not 0.0 < self.mu < 1.0:
             raise ValueError(f"{where}: mu_loc(I0) is {self.mu:.4g}; plane-strain compression "
@@ -106,30 +100,12 @@ class Specimen:
         if not 0.0 < self.slope < np.inf:
             raise ValueError(f"{where}: mu_loc'(I0) is {self.slope:.4g}; the theory requires a "
                              "number > 0")
+        self.viscosity = self.mu / (1.0 - self.mu)
+        self.wave_number = self.half_waves * np.pi / self.height
         if not self.shear_modulus > self.viscosity:
             # With the Jaumann rate, elastic waves along x2 then have no real speed.
             raise ValueError(f"shear_modulus {self.shear_modulus}: must be a number > mu P0 = "
                              f"{self.viscosity:.4g}")
-
-    @property
-    def mu(self):
-        """mu_loc(I0)."""
-        return float(self.law.stress_ratio(np.asarray(float(self.inertial_number)))[0])
-
-    @property
-    def slope(self):
-        """mu_loc'(I0)."""
-        return float(self.law.stress_ratio(np.asarray(float(self.inertial_number)))[1])
-
-    @property
-    def viscosity(self):
-        """eta0 = mu P0, |sigma_1|/gdot0."""
-        return self.mu / (1.0 - self.mu)
-
-    @property
-    def wave_number(self):
-        """The wave number k = n pi/H, 1/d."""
-        return self.half_waves * np.pi / self.height
 
 
 def growth_rate(law, model, **specimen):
@@ -140,24 +116,37 @@ def growth_rate(law, model, **specimen):
     real part. Chebyshev collocation finds all of them, and the exact solution corrects the largest
     one. Without inertia, elastic stress also relaxes in arbitrarily short waves, at rates that
     accumulate at -(1 - mu) G/(mu P0); these rates are ignored. The result r, gdot0, is complex,
-    with a positive imaginary part, if the mode oscillates. ValueError if an argument is out of
-    bounds, or the specimen buckles elastically.
+    with a positive imaginary part, if the mode oscillates.
     """
-    return _Across(Specimen(law, model, **specimen)).growth_rate()
+    across = _Across(Specimen(law, model, **specimen))
+    if not (across.density or across.softness or across.relaxation):
+        return float(across.response(0.0).real)
+    if across.softness and not across.density:
+        # The growth rate is infinite if the load exceeds the elastic buckling load.
+        fast = 1e9 / across.softness
+        if across.response(fast).real >= fast:
+            raise ValueError("the shear modulus is so small that the specimen buckles elastically")
+    for start in across.spectrum():
+        r = across.exact_rate(start)
+        if r is not None:
+            return complex(r) if r.imag else float(r.real)
+        if across.density or start.real > 0.0:  # not a relaxation of elastic stress
+            break
+    raise RuntimeError(f"the exact solution does not confirm the growth rate {start:.6g} of "
+                       "the collocation")
 
 
 def column_growth_rate(law, model, **specimen):
     """Return the growth rate of the specimen as a creeping column that sways.
 
-    The arguments are attributes of `Specimen`; parity and shear modulus have no effect. The plates
-    press with N beyond the lateral stress, and E is the tangent viscosity of the axial stress::
+    The arguments are attributes of `Specimen`; parity and shear modulus have no effect. With the
+    load N beyond the lateral stress and the tangent viscosity E of the axial stress::
 
         phi rho_s L r^2 + E (L^3/12) k^4 r - N k^2 = 0,    N = (|sigma_2| - |sigma_1|) L = 2 mu P0 L
         E = 4 M P0^2/|sigma_1|,    M = I0 mu_loc'(I0) + A^2 d^2 (12/L^2 + k^2) + t0 r
 
-    In NGF a fluidity that varies across the width ends at faces without flux, in layers of
-    thickness A d/sqrt(mu). These layers add 12/L^2 to bending; LI has no such term. t0 delays
-    growth as inertia does. The result, the positive root r in gdot0, is accurate for H >= 3 L.
+    The layers of thickness A d/sqrt(mu) at the faces of NGF add 12/L^2 to bending; LI has no term
+    with A. The result, the positive root r in gdot0, is accurate for H >= 3 L.
     """
     p = Specimen(law, model, **specimen)
     P, L, k, M = 1.0 / (1.0 - p.mu), p.width, p.wave_number, p.inertial_number * p.slope
@@ -175,7 +164,7 @@ class _Across:
     def __init__(self, p):
         self.k, self.mu, self.viscosity = p.wave_number, p.mu, p.viscosity
         self.beta = p.mu / (p.inertial_number * p.slope) - 1.0
-        self.spread, self.relaxation = None, 0.0
+        self.spread = self.relaxation = 0.0  # of LI
         if p.model != "li":
             inverse = float(inverse_length_squared(p.law, np.asarray(p.mu))[0])
             self.spread = (p.amplitude * self.k)**2 / inverse  # xi^2 k^2
@@ -186,23 +175,17 @@ class _Across:
         self.sways = p.parity == "sway"
 
     def polynomials(self, r):
-        """W, W + R+, F/(m mu) and the characteristic polynomial in q, ascending."""
-        m = 1.0 / (1.0 + self.softness * r)
-        viscosity, local = m * self.viscosity, m * self.mu
-        above, below = self.density * (r + 0.5), self.density * (r - 0.5)
-        W = viscosity * np.array([1.0 - self.softness, 1.0 + self.softness])
-        N = polynomial.polysub(polynomial.polymul(W, [-1.0, 1.0]), [above, below])
-        F = (2.0 * polynomial.polymul([0.0, 1.0],
-                                      polynomial.polysub([2.0 * viscosity + below], W))
-             + (1.0 + local) * N)
-        beta = m * self.beta
-        characteristic = ((1.0 + beta) * F - local * (0.5 - beta * self.softness * r) * N
-                          - np.array([0.0, 4.0 * beta * viscosity, 0.0]))
-        if self.spread is not None:
-            characteristic = polynomial.polysub(
-                characteristic, polynomial.polymul(
-                    [-self.spread - self.relaxation * r, self.spread], F))
-        return W, polynomial.polyadd(W, [above]), F / local, characteristic
+        """W, W + R+, F/(m mu) and the characteristic polynomial in q."""
+        q, m = Polynomial([0.0, 1.0]), 1.0 / (1.0 + self.softness * r)
+        viscosity, local, beta = m * self.viscosity, m * self.mu, m * self.beta
+        above, below = self.density * (r + 0.5), self.density * (r - 0.5)  # R+ and R-
+        W = viscosity * ((1.0 + self.softness) * q + 1.0 - self.softness)
+        N = (q - 1.0) * W - below * q - above
+        F = 2.0 * q * (2.0 * viscosity - W + below) + (1.0 + local) * N
+        characteristic = ((1.0 + beta - self.spread * (q - 1.0) + self.relaxation * r) * F
+                          - local * (0.5 - beta * self.softness * r) * N
+                          - 4.0 * beta * viscosity * q)
+        return W, W + above, F / local, characteristic
 
     def response(self, r):
         """Growth rate v1/zeta + 1/2 of a face, for disturbances with the growth rate r.
@@ -210,19 +193,32 @@ class _Across:
         The solutions are scaled by a common factor, which prevents the overflow of exponentials.
         """
         W, normal, F, characteristic = self.polynomials(r)
+        roots = _roots(characteristic)
+        exponents = np.sqrt(roots) * self.half
+        differences, sums = exponents[:, None] - exponents, exponents[:, None] + exponents
+        count, labels = connected_components(
+            np.minimum(np.abs(differences), np.abs(sums)) < CLOSE)
         blocks = []
-        for roots in _blocks(_roots(characteristic), self.half):
+        for label in range(count):
+            block = roots[labels == label]
             # The first row of a function of this matrix consists of the divided differences of
             # the function at the roots. They remain independent where roots coincide.
-            K = np.diag(roots) + np.diag(np.ones(len(roots) - 1), 1) / self.half**2
-            cosh, sinh = _cosh_sinh(K, self.half)
+            K = np.diag(block) + np.diag(np.ones(len(block) - 1), 1) / self.half**2
+            # The exponential of [[0, 1], [K, 0]] half consists of cosh(sqrt(K) half) and
+            # sinh(sqrt(K) half)/sqrt(K).
+            one = np.eye(len(block))
+            fastest = np.sqrt(block).real.max() * np.eye(2 * len(block))
+            exponential = expm(self.half * (np.block([[0.0 * K, one], [K, 0.0 * K]]) - fastest))
+            cosh, sinh = np.hsplit(exponential[:len(block)], 2)
             # Solutions proportional to v1,1/q and to v1 at the face.
             rate, v1 = (sinh, cosh) if self.sways else (cosh, K @ sinh)
-            normal_K, W_K, F_K = (_polynomial_of(part, K) for part in (normal, W, F))
+            normal_K, W_K, F_K = (
+                sum(c * matrix_power(K, n) for n, c in enumerate(part.coef))
+                for part in (normal, W, F))
             blocks.append([part[0] for part in (
                 2.0 * normal_K @ rate, -2.0 * W_K @ v1, F_K @ v1, 2.0 * v1)])
         face = np.concatenate(blocks, axis=1)  # sigma_11, sigma_12, eta0 g',1 and v1
-        conditions = face[:2] if self.spread is None else face[:3]
+        conditions = face[:len(roots)]
         columns = np.abs(conditions).max(axis=0)
         conditions = conditions / columns
         rows = np.abs(conditions).max(axis=1)
@@ -231,54 +227,29 @@ class _Across:
         weights = np.linalg.solve(conditions / rows[:, None], load / rows) / columns
         return (face @ weights)[3] + 0.5
 
-    def growth_rate(self):
-        """Return r, see the function `growth_rate`."""
-        if not (self.density or self.softness or self.relaxation):
-            return float(self.response(0.0).real)
-        if self.softness and not self.density:
-            # The growth rate is infinite if the load exceeds the elastic buckling load.
-            fast = 1e9 / self.softness
-            if self.response(fast).real >= fast:
-                raise ValueError("the shear modulus is so small that the specimen buckles "
-                                 "elastically")
-        for start in self.spectrum():
-            r = self._secant(start)
-            if r is not None:
-                return complex(r) if r.imag else float(r.real)
-            if self.density or start.real > 0.0:  # not a relaxation of elastic stress
-                break
-        raise RuntimeError(f"the exact solution does not confirm the growth rate {start:.6g} of "
-                           "the collocation")
-
-    def _secant(self, start):
+    def exact_rate(self, start):
         """Root of response(r) = r, or None if it is not close to ``start``."""
-        real = not start.imag
-        before, r, step = start, start * (1.0 + 1e-5) + 1e-8, np.inf
-        excess = self.response(before) - before
-        for _ in range(50):
-            now = self.response(r) - r
-            if now == excess:
-                break
-            last, step = step, now * (r - before) / (now - excess)
-            before, excess, r = r, now, r - step
-            if real:
-                r = r.real + 0.0j
-            # For a slender specimen rounding limits the size of steps.
-            if abs(step) <= TOLERANCE * abs(r) or abs(last) <= abs(step) <= ROUNDING * abs(r):
-                break
-        else:
-            return None
-        return r if abs(r - start) <= TRUST * (1.0 + abs(start)) else None
+        from scipy.optimize import newton  # slow to import
+
+        def excess(r):
+            found = self.response(r) - r
+            return found if start.imag else found.real
+
+        first = start if start.imag else start.real
+        r, secant = newton(excess, first, x1=first * (1.0 + 1e-5) + 1e-8, rtol=1e-8, tol=1e-12,
+                           full_output=True, disp=False)
+        near = abs(r - start) <= TRUST * (1.0 + abs(start))
+        return r if secant.converged and near else None
 
     def spectrum(self):
-        """Growth rates (m,) of a Chebyshev collocation, largest real part first.
+        """Growth rates (m,) of a collocation over half the width, largest real part first.
 
-        Of a complex pair only the rate with positive imaginary part is included. The collocation
-        covers half of the width, with polynomials of the parity of each field.
+        Of a complex pair only the rate with positive imaginary part is included.
         """
-        layer = 1.0 if self.spread is None else np.sqrt(max(1.0, (1.0 + self.beta) / self.spread))
+        layer = np.sqrt(max(1.0, (1.0 + self.beta) / self.spread)) if self.spread else 1.0
         count = 24 + int(self.half + 2.0 * np.sqrt(self.half * layer))
-        rates, values = self._collocated(count)
+        values = self._collocated(count, 0.0)
+        rates = values - self._collocated(count, 1.0)
         scale = np.abs(values).max(axis=1, keepdims=True)
         inverse = np.linalg.eigvals(np.linalg.solve(values / scale, rates / scale))
         inverse = inverse[np.abs(inverse) > 1e-9 * np.abs(inverse).max()]
@@ -287,114 +258,68 @@ class _Across:
         found = found[found.imag >= 0.0]
         return found[np.argsort(-found.real)]
 
-    def _collocated(self, count):
-        """Matrices B and A of r B y = A y on ``count`` points between middle and face."""
+    def _collocated(self, count, r):
+        """Matrix, linear in r, of equations at ``count`` points between middle and face."""
         mu, eta, softness, X = self.mu, self.viscosity, self.softness, self.half
         positions = np.append(np.cos((np.arange(count) + 0.5) * np.pi / (2 * count)), 1.0)
-        points, face = slice(0, count), slice(count, count + 1)
-        sizes = {"v1": count, "normal": count + 1, "shear": count + 1, "deviator": count}
-        if self.spread is not None:
-            sizes["fluidity"] = count + 1
-        starts = dict(zip(sizes, np.cumsum([0, *sizes.values()])))
-        total = sum(sizes.values()) + 1  # the last unknown is the displacement of the face
-        tables = {}
-        for name, size in sizes.items():
-            even = self.sways == (name in ("v1", "shear"))
+        points, face = slice(count), slice(count, None)
+        # normal and shear are sigma_11 and sigma_12, deviator tau' = normal + P', fluidity eta0 g';
+        # v2 = -v1,1. The last unknown is the displacement of the face.
+        fields = v1, normal, shear, deviator, g = "v1", "normal", "shear", "deviator", "fluidity"
+        columns, tables, total = {}, {}, 0
+        for name in fields:
+            size = count + (name in (normal, shear) or name == g and self.spread > 0.0)
+            even = self.sways == (name in (v1, shear))
             series = np.eye(2 * size)[:, (0 if even else 1)::2]
             tables[name] = [chebyshev.chebval(positions, chebyshev.chebder(series, m)).T / X**m
                             for m in range(3)]
-        left, right = [], []
+            columns[name], total = slice(total, total + size), total + size
 
-        def equation(where, rates, values, displacement=(0.0, 0.0)):
-            """Add rates r = values; terms are {(field, order of the derivative): coefficient}."""
-            height = positions[where].size
-            for rows, terms, last in ((left, rates, displacement[0]),
-                                      (right, values, displacement[1])):
-                row = np.zeros((height, total))
-                for (name, order), coefficient in terms.items():
-                    columns = slice(starts[name], starts[name] + sizes[name])
-                    row[:, columns] += coefficient * tables[name][order][where]
-                row[:, -1] = last
-                rows.append(row)
+        def equation(where, terms, displacement=0.0):
+            """Terms are {(field, order of the derivative): coefficient}."""
+            rows = np.zeros((count + 1, total + 1))
+            for (name, order), coefficient in terms.items():
+                rows[:, columns[name]] += coefficient * tables[name][order]
+            rows[:, -1] = displacement
+            return rows[where]
 
-        # normal and shear are sigma_11 and sigma_12, deviator tau' = normal + P', fluidity eta0 g';
-        # v2 = -v1,1.
-        v1, normal, shear, deviator, g = "v1", "normal", "shear", "deviator", "fluidity"
-        equation(points, {(v1, 0): self.density},
-                 {(normal, 1): 1.0, (shear, 0): 1.0, (v1, 0): -0.5 * self.density})
-        equation(points, {(v1, 1): -self.density},
-                 {(shear, 1): 1.0, (deviator, 0): 2.0, (normal, 0): -1.0,
-                  (v1, 1): -0.5 * self.density})
-        equation(points, {(shear, 0): softness},
-                 {(v1, 2): -eta * (1.0 + softness), (v1, 0): eta * (softness - 1.0),
-                  (shear, 0): -1.0})
         # eta0 g_loc' = P'/2 + (beta/mu) (tau' - mu P'), and 2 eta0 D11 = mu eta0 g' + tau' - mu P'
         # + softness r tau'.
-        local = {(deviator, 0): 0.5 - self.beta + self.beta / mu, (normal, 0): self.beta - 0.5}
-        flow = {(v1, 1): 2.0 * eta, (deviator, 0): mu - 1.0, (normal, 0): -mu}
-        if self.spread is None:
-            for term, coefficient in local.items():
-                flow[term] -= mu * coefficient
-        else:
-            equation(points, {(g, 0): self.relaxation},
-                     {(g, 2): self.spread, (g, 0): -self.spread - 1.0, **local})
-            equation(face, {}, {(g, 1): 1.0})
-            flow[g, 0] = -mu
-        equation(points, {(deviator, 0): softness}, flow)
-        equation(face, {}, {(normal, 0): 1.0})
-        equation(face, {}, {(shear, 0): 1.0}, (0.0, -2.0 * eta))
-        equation(face, {}, {(v1, 0): 1.0}, (1.0, 0.5))
-        return np.concatenate(left), np.concatenate(right)
+        rows = [
+            equation(points, {(normal, 1): 1.0, (shear, 0): 1.0,
+                              (v1, 0): -self.density * (r + 0.5)}),
+            equation(points, {(shear, 1): 1.0, (deviator, 0): 2.0, (normal, 0): -1.0,
+                              (v1, 1): self.density * (r - 0.5)}),
+            equation(points, {(v1, 2): -eta * (1.0 + softness), (v1, 0): eta * (softness - 1.0),
+                              (shear, 0): -1.0 - softness * r}),
+            equation(points, {(deviator, 0): 0.5 - self.beta + self.beta / mu,
+                              (normal, 0): self.beta - 0.5, (g, 2): self.spread,
+                              (g, 0): -self.spread - 1.0 - self.relaxation * r}),
+            equation(points, {(v1, 1): 2.0 * eta, (deviator, 0): mu - 1.0 - softness * r,
+                              (normal, 0): -mu, (g, 0): -mu}),
+            equation(face, {(normal, 0): 1.0}),
+            equation(face, {(shear, 0): 1.0}, -2.0 * eta),
+            equation(face, {(v1, 0): 1.0}, 0.5 - r)]
+        if self.spread:
+            rows.append(equation(face, {(g, 1): 1.0}))
+        return np.concatenate(rows)
 
 
-def _roots(coefficients):
-    """Complex roots (2,) or (3,) of a polynomial with ascending coefficients.
+def _roots(polynomial):
+    """Complex roots (2,) or (3,) of a polynomial.
 
     The largest root of a cubic is corrected and divided out, so that sum and product of the other
     two are accurate even if these nearly coincide.
     """
-    coefficients = np.asarray(coefficients) / coefficients[-1]
-    largest = []
-    if coefficients.size == 4:
-        found = np.roots(coefficients[::-1])
-        root, slopes = found[np.argmax(np.abs(found))] + 0.0j, polynomial.polyder(coefficients)
+    polynomial = polynomial / polynomial.coef[-1]
+    (product, total, *_), largest = polynomial.coef, []
+    if polynomial.degree() == 3:
+        root = max(polynomial.roots(), key=abs) + 0.0j
         for _ in range(3):
-            slope = polynomial.polyval(root, slopes)
-            root = root - polynomial.polyval(root, coefficients) / slope if slope else root
-        product = -coefficients[0] / root
-        coefficients, largest = [product, (product - coefficients[1]) / root], [root]
-    product, total = coefficients[0], coefficients[1]
+            slope = polynomial.deriv()(root)
+            root = root - polynomial(root) / slope if slope else root
+        product, largest = -product / root, [root]
+        total = (product - total) / root
     split = np.sqrt(total * total - 4.0 * product + 0.0j)
     first = -(total + (split if (np.conj(total) * split).real >= 0.0 else -split)) / 2.0
     return np.array([first, product / first, *largest])
-
-
-def _blocks(roots, half):
-    """Lists of roots whose exponentials over the length ``half`` are nearly equal."""
-    blocks = []
-    for root in roots:
-        near = [block for block in blocks if any(
-            min(abs(np.sqrt(root) - np.sqrt(other)), abs(np.sqrt(root) + np.sqrt(other))) * half
-            < CLOSE for other in block)]
-        blocks = [block for block in blocks if block not in near] + [sum(near, []) + [root]]
-    return blocks
-
-
-def _polynomial_of(coefficients, K):
-    """Polynomial with ascending coefficients of a square matrix."""
-    value = np.zeros_like(K)
-    for coefficient in coefficients[::-1]:
-        value = value @ K + coefficient * np.eye(len(K))
-    return value
-
-
-def _cosh_sinh(K, half):
-    """cosh(sqrt(K) half) and sinh(sqrt(K) half)/sqrt(K) times exp(-fastest half).
-
-    They are blocks of the exponential of half [[0, 1], [K, 0]], for an upper triangular K.
-    """
-    size, zero = len(K), np.zeros_like(K)
-    fastest = np.sqrt(np.diag(K)).real.max()
-    generator = np.block([[zero, np.eye(size)], [K, zero]])
-    found = expm(half * generator - fastest * half * np.eye(2 * size))
-    return found[:size, :size], found[:size, size:]

@@ -1,8 +1,4 @@
-"""Perturbations whose wave vector turns with the flow (appendix A).
-
-Times are dimensionless, A^2 d^2 phi rho_s/eta0, as in (A 6). For wave vectors and growth rates see
-`pgran.theory.waves`.
-"""
+"""Perturbations whose wave vector turns with the flow, in the units of (A 6)."""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -20,9 +16,8 @@ def turning_wave_vector(k, gradient, convection, time):
 def amplitude(k, N, coefficients, gradient, convection, end):
     """Return times (m,) and ln |v| (m,) of the fastest perturbation, with dv/dt = A(k(t)) v (A 4).
 
-    k (n,) is the wave vector at time 0, ``gradient`` is L0/gdot0, and ``end`` is the last time.
-    The other arguments are those of `pgran.theory.waves.growth_rates`. v(0) is the first mode
-    there, with |v(0)| = 1. The times include all maxima. ValueError if the integration fails.
+    k (n,) is the wave vector at time 0, ``end`` is the last time, and the other arguments are
+    those of `pgran.theory.waves.modes`, whose first mode is v(0). The times include all maxima.
     """
     k = np.asarray(k, dtype=float)
     _, vectors = waves.modes(k, N, coefficients, convection, gradient)

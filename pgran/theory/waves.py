@@ -1,9 +1,8 @@
 """Linear stability of homogeneous flow in closed form (sections 3, 5 and appendix A of the paper).
 
-Wave vectors are dimensionless: A d k (NGF, LI) or sqrt(nu_I) d k (IG). So are growth rates:
-A^2 d^2 phi rho_s lambda/eta0 (NGF, LI) or nu_I d^2 phi rho_s lambda/eta0 (IG), unless a name says
-otherwise. Arrays of wave vectors have the shape (..., n) with n = 2 or 3. Inertial
-numbers broadcast against (...).
+Wave vectors are dimensionless, A d k (NGF, LI) or sqrt(nu_I) d k (IG), and so are growth rates,
+A^2 d^2 phi rho_s lambda/eta0 (NGF, LI) or nu_I d^2 phi rho_s lambda/eta0 (IG). Arrays of wave
+vectors have the shape (..., n) with n = 2 or 3. Inertial numbers broadcast against (...).
 
 An incompressible perturbation satisfies v.k = 0. On this subspace the tensor (3.16) is the sum of
 -|k|^2 and a symmetric tensor of rank one. The largest growth rate is therefore
@@ -11,9 +10,8 @@ An incompressible perturbation satisfies v.k = 0. On this subspace the tensor (3
     |k|^2 (2 r |P N k^|^2 / (1 - sqrt(2) q k^.N k^) - 1),     P = 1 - k^ k^.
 
 For a given m = k^.N k^ the numerator is largest in the plane of the extreme principal directions
-of N. In two and three dimensions every extremum over directions is thus an extremum of a quadratic
-in m. For NGF, r and q are linear in x = 1/(1 + nu xi^2 |k|^2), so the cut-off follows from a
-quadratic equation in x.
+of N, where every extremum over directions is an extremum of a quadratic in m. For NGF, r and q are
+linear in x = 1/(1 + nu xi^2 |k|^2), so the cut-off follows from a quadratic equation in x.
 """
 
 from dataclasses import dataclass
@@ -29,8 +27,6 @@ BASE_FLOWS = {"pure_shear": np.array([[0.5, 0.0], [0.0, -0.5]]),
               "simple_shear": np.array([[0.0, 1.0], [0.0, 0.0]])}
 #: Models with a linear theory.
 MODELS = "ngf", "ngf_primitive", "li", "ig"
-#: Iterations of `_ridge`, which converges quadratically, and bisections of `fastest`.
-ITERATIONS, BISECTIONS = 8, 42
 
 
 @dataclass(frozen=True)
@@ -49,10 +45,7 @@ class Coefficients:
 
     @classmethod
     def of(cls, law, model, I0, relaxation=None):
-        """Return the coefficients of a `Law` for one of `MODELS` at inertial numbers (...).
-
-        Raises ValueError for a wrong argument, or if NGF lacks a cooperativity length.
-        """
+        """Return the coefficients of a `Law` for one of `MODELS` at inertial numbers (...)."""
         if model not in MODELS:
             raise ValueError(f"model {model}: there is no linear theory; expected one of: "
                              f"{', '.join(MODELS)}")
@@ -72,15 +65,15 @@ class Coefficients:
 
     @classmethod
     def of_run(cls, parameters):
-        """Return the coefficients of the reference flow of `pgran.options.Parameters`, as `of`."""
-        p, model = parameters, parameters.part("model")
-        if model.theory is None:
+        """Return the coefficients of the reference flow of `pgran.options.Parameters`."""
+        p, theory = parameters, parameters.part("model").theory
+        if theory is None:
             raise ValueError(f"the model {p.model} has no linear theory")
         law, relaxation = p.part("law").of(p), None
-        if model.theory == "ngf_primitive":
+        if theory == "ngf_primitive":
             mu, _ = law.stress_ratio(np.asarray(p.inertial_number))
             relaxation = p.relaxation_time * viscous_rate(mu, p.A, p.phi, p.inertial_number)
-        return cls.of(law, model.theory, p.inertial_number, relaxation)
+        return cls.of(law, theory, p.inertial_number, relaxation)
 
     def r_q(self, square):
         """Return r0 and q0 of (3.13), of their local limit, or of (5.3) at ``square`` = |k|^2.
@@ -94,10 +87,7 @@ class Coefficients:
 
 
 def viscous_rate(mu, A, phi, I0):
-    """Return eta0/(A^2 d^2 phi rho_s gdot0) = mu_loc/(A^2 phi I0^2).
-
-    Dimensionless growth rates times this number are in units of gdot0.
-    """
+    """Return eta0/(A^2 d^2 phi rho_s gdot0), the factor of growth rates in units of gdot0."""
     return mu / (A**2 * phi * np.square(I0))
 
 
@@ -107,12 +97,12 @@ def flow_direction(gradient):
     where = f"base flow {gradient.tolist()}"
     if gradient.shape not in ((2, 2), (3, 3)) or not np.isfinite(gradient).all():
         raise ValueError(f"{where}: must be a 2 x 2 or 3 x 3 matrix")
-    size = np.abs(gradient).max()
-    if abs(np.trace(gradient)) > 1e-12 * size:
+    rounding = 1e-12 * np.abs(gradient).max()
+    if abs(np.trace(gradient)) > rounding:
         raise ValueError(f"{where}: its divergence is {np.trace(gradient):.3g}; must be 0")
     D = (gradient + gradient.T) / 2.0
-    norm = np.sqrt((D * D).sum())
-    if not norm > 1e-12 * size:
+    norm = np.linalg.norm(D)
+    if not norm > rounding:
         raise ValueError(f"{where}: it does not deform")
     return D / norm
 
@@ -133,8 +123,7 @@ def tensor(k, N, r, q, convection=0.0, gradient=None):
 
     ``k`` is (..., n) and ``N`` (n, n); ``r`` and ``q`` (...) are `Coefficients.r_q` at |k|^2. With
     ``gradient`` L0/gdot0 (n, n) the result is the tensor of (A 7), where ``convection`` is the
-    inverse of `viscous_rate`. The shapes are (..., n, n) and (...), with NaN where the denominator
-    vanishes.
+    inverse of `viscous_rate`. The tensor (..., n, n) is NaN where the denominator (...) vanishes.
     """
     k = np.asarray(k, dtype=float)
     square = (k * k).sum(axis=-1)
@@ -147,7 +136,6 @@ def tensor(k, N, r, q, convection=0.0, gradient=None):
     left = 2.0 * r[..., None] * (Nk - kNk[..., None] * ray)
     result = left[..., :, None] * Nk[..., None, :] - square[..., None, None] * np.eye(k.shape[-1])
     if gradient is not None:
-        gradient = np.asarray(gradient, dtype=float)
         result = result - convection * (
             gradient - 2.0 * ray[..., :, None] * (k @ gradient)[..., None, :])
     return result, denominator / square
@@ -155,7 +143,7 @@ def tensor(k, N, r, q, convection=0.0, gradient=None):
 
 def _tensor(k, N, coefficients, convection=0.0, gradient=None):
     """`tensor` with the coefficients of a model other than ngf_primitive."""
-    _no_relaxation(coefficients)
+    _refuse_dynamic(coefficients)
     return tensor(k, N, *coefficients.r_q((k * k).sum(axis=-1)), convection, gradient)[0]
 
 
@@ -172,9 +160,8 @@ def _eigen(matrices):
 def growth_rates(k, N, coefficients, convection=0.0, gradient=None):
     """Return the growth rates (..., n - 1) of incompressible waves, largest real part first.
 
-    They are the eigenvalues of `tensor` on v.k = 0, and the other arguments are those of `tensor`.
-    They are real without convection, and NaN where the denominator vanishes. For ngf_primitive the
-    fluidity adds one rate, (..., n); with convection it raises ValueError.
+    They are the eigenvalues of `tensor` on v.k = 0, real without convection, and NaN where the
+    denominator vanishes. For ngf_primitive the fluidity adds one rate, (..., n).
     """
     if coefficients.model == "ngf_primitive" and gradient is None:
         return _relaxing_growth_rates(np.asarray(k, dtype=float), N, coefficients)
@@ -184,8 +171,7 @@ def growth_rates(k, N, coefficients, convection=0.0, gradient=None):
 def tensor_growth_rates(k, N, coefficients, convection=0.0, gradient=None):
     """Return all eigenvalues (..., n) of `tensor`, largest real part first.
 
-    With convection these are the growth rates of (A 7) in the paper. Their modes need not satisfy
-    v.k = 0, in contrast to `growth_rates`. Without convection the additional eigenvalue is -|k|^2.
+    With convection these are the growth rates of (A 7). Their modes need not satisfy v.k = 0.
     """
     return _eigen(_tensor(np.asarray(k, float), N, coefficients, convection, gradient))[0]
 
@@ -220,43 +206,29 @@ def _relaxing_growth_rates(k, N, coefficients):
 
     The rates are NaN where e vanishes. In 3D a velocity normal to k and N k has the rate -|k|^2.
     """
+    mu, nu, S = coefficients.mu, coefficients.nu, coefficients.spread
     square = (k * k).sum(axis=-1)
     Nk = k @ N
     m = (k * Nk).sum(axis=-1) / square
-    height = np.maximum((Nk * Nk).sum(axis=-1) / square - m**2, 0.0)
-    values = np.stack(_relaxing_roots(square, m, height, coefficients), axis=-1)
-    if k.shape[-1] == 3:
-        viscous = np.where(np.isnan(values[..., :1]), np.nan, -square[..., None])
-        values = np.concatenate([values, viscous], axis=-1)
-    values = np.take_along_axis(values, np.argsort(-values.real, axis=-1), axis=-1)
-    return values if np.nan_to_num(values.imag).any() else values.real
-
-
-def _relaxing_roots(square, m, height, coefficients):
-    """Both complex roots of this quadratic, larger one first; ``height`` is |P N k^|^2."""
-    mu, nu, S = coefficients.mu, coefficients.nu, coefficients.spread
     e, f = 1.0 - ROOT_2 * mu * m, mu * nu * m / ROOT_2
     e = np.where(np.abs(e) <= 1e-12, np.nan, e)
-    drive = 2.0 * (1.0 - nu) * height
+    drive = 2.0 * (1.0 - nu) * np.maximum((Nk * Nk).sum(axis=-1) / square - m**2, 0.0)
     stored, steady = e * S * coefficients.relaxation, e * (1.0 + S * square) + f
     linear, constant = steady + stored * square, square * (steady - drive)
     root = np.sqrt((stored * square - steady)**2 + 4.0 * stored * square * drive + 0.0j)
     half = -(linear + np.where(linear < 0.0, -1.0, 1.0) * root) / 2.0
     with np.errstate(invalid="ignore"):  # NaN wave vectors, and e = 0
-        first, second = constant / half, half / stored
-    swap = second.real > first.real
-    return np.where(swap, second, first), np.where(swap, first, second)
+        values = constant / half, half / stored
+    if k.shape[-1] == 3:
+        values = *values, np.where(np.isnan(values[0]), np.nan, -square)
+    values = np.stack(values, axis=-1)
+    values = np.take_along_axis(values, np.argsort(-values.real, axis=-1), axis=-1)
+    return values if np.nan_to_num(values.imag).any() else values.real
 
 
 def pure_shear_growth(k1, k2, coefficients):
     """Return the growth rate (3.22) in pure shear, NaN where its denominator vanishes."""
-    _no_relaxation(coefficients)
-    square = k1**2 + k2**2
-    r, q = coefficients.r_q(square)
-    denominator = square - q * (k1**2 - k2**2)
-    singular = np.abs(denominator) <= 1e-12 * (square + np.abs(q) * square)
-    numerator = square**2 - q * square * (k1**2 - k2**2) - 4.0 * r * k1**2 * k2**2
-    return -numerator / np.where(singular, np.nan, denominator)
+    return growth_rates(np.stack([k1, k2], axis=-1), PURE_SHEAR, coefficients)[..., 0]
 
 
 def asymptotic_tensor(k, N, coefficients):
@@ -264,23 +236,22 @@ def asymptotic_tensor(k, N, coefficients):
     k = np.asarray(k, dtype=float)
     if coefficients.model == "li":
         return _tensor(k, N, coefficients)
-    _no_relaxation(coefficients)
-    square = (k * k).sum(axis=-1)
-    identity = square[..., None, None] * np.eye(k.shape[-1])
+    _refuse_dynamic(coefficients)
+    square = (k * k).sum(axis=-1)[..., None, None]
+    identity = square * np.eye(k.shape[-1])
     if coefficients.model == "ngf":
         return -identity
-    Nk = k @ N
-    kNk = (k * Nk).sum(axis=-1)
-    left = k - (square / np.where(kNk == 0.0, np.nan, kNk))[..., None] * Nk
-    factor = 2.0 * ROOT_2 / np.asarray(coefficients.mu)
-    return factor[..., None, None] * left[..., :, None] * Nk[..., None, :] - identity
+    k, Nk = k[..., None], (k @ N)[..., None]
+    kNk = (k * Nk).sum(axis=-2, keepdims=True)
+    left = k - square / np.where(kNk == 0.0, np.nan, kNk) * Nk
+    factor = 2.0 * ROOT_2 / np.asarray(coefficients.mu)[..., None, None]
+    return factor * left * np.swapaxes(Nk, -1, -2) - identity
 
 
-# Extrema over wave vectors (not for IG): m = k^.N k^ = centre + y lies between the extreme
-# principal values of N, whose half distance is ``reach``.
+# Extrema over wave vectors (not for IG), with m = k^.N k^ = centre + y and |y| <= reach
 
 def _extremes(N):
-    """Centre and half distance of the extreme principal values of N."""
+    """Centre and half distance (reach) of the extreme principal values of N."""
     values = np.linalg.eigvalsh(N)
     return (values[-1] + values[0]) / 2.0, (values[-1] - values[0]) / 2.0
 
@@ -301,7 +272,7 @@ def cutoff(coefficients, N=PURE_SHEAR):
     The largest root x of 8 r^2 reach^2 + q^2 = 4 r (1 - sqrt(2) q centre), where r and q are
     linear in x, gives |k|^2 = (1/x - 1)/(nu xi^2). NaN where (3.19) is violated.
     """
-    _no_ig(coefficients)
+    _refuse_ig(coefficients)
     centre, reach = _extremes(N)
     mu, nu = coefficients.mu, coefficients.nu
     # r = r1 x, q = mu + q1 x
@@ -316,56 +287,43 @@ def cutoff(coefficients, N=PURE_SHEAR):
     return _within_limit(coefficients, N, np.where(unstable, size, 0.0))
 
 
-def _steady_ridge(square, coefficients, centre, reach, delay=0.0):
-    """Largest growth over directions at |k|^2 = ``square`` and its y; ``delay`` is T lambda."""
-    r, q = coefficients.r_q(square + delay)
+def _ridge(u, coefficients, centre, reach):
+    """Largest growth over directions, |k|^2 and y, where ``u`` = |k|^2 + T lambda."""
+    r, q = coefficients.r_q(u)
     p, e = ROOT_2 * q, 1.0 - ROOT_2 * q * centre
     root = e + np.sqrt(e**2 - (p * reach)**2)
-    return square * (4.0 * r * reach**2 / root - 1.0), p * reach**2 / root
-
-
-def _ridge(square, coefficients, centre, reach):
-    """`_steady_ridge`, also for dynamic NGF, whose direction depends on the growth rate."""
-    if coefficients.model != "ngf_primitive":
-        return _steady_ridge(square, coefficients, centre, reach)
-    rate = np.zeros_like(square)
-    for _ in range(ITERATIONS):  # the error of the direction changes the rate in second order only
-        _, y = _steady_ridge(square, coefficients, centre, reach, coefficients.relaxation * rate)
-        rate = _relaxing_roots(square, centre + y, reach**2 - y**2, coefficients)[0].real
-    return rate, y
+    growth = 4.0 * r * reach**2 / root - 1.0  # lambda/|k|^2
+    square = u / (1.0 + coefficients.relaxation * growth)
+    return square * growth, square, p * reach**2 / root
 
 
 def fastest(coefficients, N=PURE_SHEAR):
     """Return wave number, growth rate and m = k^.N k^ of the fastest-growing wave vector.
 
-    Bisection finds where the largest growth over directions has no slope with respect to |k|^2.
-    Dynamic NGF satisfies lambda = ridge(|k|^2, T lambda), where ridge falls with T lambda, so the
-    slope at fixed T lambda is also zero at its maximum. NaN where all wave vectors are stable, and
-    for LI, whose growth is unbounded.
+    Bisection finds where the largest growth over directions has no slope. NaN where all wave
+    vectors are stable, and for LI, whose growth is unbounded.
     """
     centre, reach = _extremes(N)
     top = np.asarray(cutoff(coefficients, N) + 0.0 * coefficients.relaxation)
     low, high = np.zeros_like(top), np.where(np.isfinite(top), top, np.nan)**2
     unstable = np.isfinite(high) & (top > 0.0)
-    for _ in range(BISECTIONS):
+    for _ in range(52):
         middle = (low + high) / 2.0
-        delay = coefficients.relaxation * _ridge(middle, coefficients, centre, reach)[0]
         with np.errstate(invalid="ignore"):  # the imaginary part of f(x + i h) is h f'(x)
-            rising = _steady_ridge(middle + 1e-40j, coefficients, centre, reach,
-                                   delay)[0].imag > 0.0
+            rising = _ridge(middle + 1e-40j, coefficients, centre, reach)[0].imag > 0.0
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
-    square = np.where(unstable, (low + high) / 2.0, np.nan)
-    rate, y = _ridge(square, coefficients, centre, reach)
+    u = np.where(unstable, (low + high) / 2.0, np.nan)
+    rate, square, y = _ridge(u, coefficients, centre, reach)
     return np.sqrt(square), rate, centre + y
 
 
 def unstable_directions(coefficients, N=PURE_SHEAR):
     """Return the range (m_low, m_high) of k^.N k^ that is unstable for |k| -> 0.
 
-    The bounds are roots of 2 r (reach^2 - y^2) - 1 + sqrt(2) q (centre + y). They hold for LI at
-    any |k|, and the unstable directions of NGF lie between them. NaN where all waves are stable.
+    The bounds are roots of 2 r (reach^2 - y^2) - 1 + sqrt(2) q (centre + y), and NaN where all
+    waves are stable.
     """
-    _no_ig(coefficients)
+    _refuse_ig(coefficients)
     centre, reach = _extremes(N)
     r, q = coefficients.r_q(np.zeros_like(coefficients.mu))
     p, e = ROOT_2 * q, 1.0 - ROOT_2 * q * centre
@@ -376,29 +334,22 @@ def unstable_directions(coefficients, N=PURE_SHEAR):
 
 
 def directions(m, N):
-    """Return the two unit wave vectors (2, n) with k^.N k^ = ``m`` between extreme principal axes.
-
-    They are mirror images with respect to these axes.
-    """
+    """Return two unit wave vectors (2, ..., n) with k^.N k^ = ``m`` in the extreme plane of N."""
     values, vectors = np.linalg.eigh(N)
-    share = np.clip((m - values[0]) / (values[-1] - values[0]), 0.0, 1.0)
+    share = np.clip((m - values[0]) / (values[-1] - values[0]), 0.0, 1.0)[..., None]
     along, across = np.sqrt(share) * vectors[:, -1], np.sqrt(1.0 - share) * vectors[:, 0]
     return np.array([along + across, along - across])
 
 
 def direction_angle(m, N):
     """Return the smaller angle (degrees, 0 to 90) between `directions` and the x1 axis."""
-    found = np.array([directions(value, N) for value in np.ravel(m)])
-    angles = np.degrees(np.arctan2(np.linalg.norm(found[..., 1:], axis=-1),
-                                   np.abs(found[..., 0])))
-    return angles.min(axis=-1).reshape(np.shape(m))
+    found = np.abs(directions(m, N))
+    across = np.linalg.norm(found[..., 1:], axis=-1)
+    return np.degrees(np.arctan2(across, found[..., 0])).min(axis=0)
 
 
 def critical_inertial_numbers(law, N=PURE_SHEAR):
-    """Return the inertial numbers (m,) at which instability of any wave vector begins or ends.
-
-    They are the sign changes of `long_wave_excess` up to the bound of (3.19).
-    """
+    """Return the inertial numbers (m,) at which instability of any wave vector begins or ends."""
     roots = laws.sign_changes(lambda I: long_wave_excess(law, I, N), 1e-6, 1e2)
     return roots[law.stress_ratio(roots)[0] < limit_of_stress_ratio(N)]
 
@@ -406,8 +357,7 @@ def critical_inertial_numbers(law, N=PURE_SHEAR):
 def ill_posed_ranges(law):
     """Return the ranges (m, 2) of inertial numbers with ill-posed LI in plane flow.
 
-    C(I) of `pgran.material.laws.ill_posedness` is positive there. A range that reaches 1e-12 or 1e4
-    extends to 0 or infinity.
+    A range that reaches 1e-12 or 1e4 extends to 0 or infinity.
     """
     ends = 1e-12, 1e4
     edges = laws.sign_changes(lambda I: laws.ill_posedness(law, I), *ends)
@@ -415,13 +365,13 @@ def ill_posed_ranges(law):
     return np.concatenate([[0.0] * low, edges, [np.inf] * high]).reshape(-1, 2)
 
 
-def _no_ig(coefficients):
+def _refuse_ig(coefficients):
     if coefficients.model == "ig":
         raise ValueError("model ig: its growth rate is unbounded, so there is no cut-off and no "
                          "fastest wave vector; expected one of: ngf, ngf_primitive, li")
 
 
-def _no_relaxation(coefficients):
+def _refuse_dynamic(coefficients):
     if coefficients.model == "ngf_primitive":
         raise ValueError("model ngf_primitive: the theory does not include convection and turning "
                          "wave vectors; expected one of: ngf, li, ig")

@@ -1,8 +1,4 @@
-"""Local laws mu_loc(I). A new law is one new file.
-
-A law derives from `Law`. Its functions take numpy arrays and return arrays of the same shape,
-together with their derivatives.
-"""
+"""Local laws mu_loc(I). A new law is one new file with a subclass of `Law`."""
 
 import dataclasses
 from abc import ABC, abstractmethod
@@ -21,19 +17,11 @@ I_0 = positive("I_0", None, "1", "inertial number at which mu_loc of the Jop law
                "(mu_s + mu_2)/2; replaces b", "I_0 = (mu_2 - mu_s)/b", shared=BOTH)
 
 
-class Law(ABC):
-    """A local law mu_loc(I) and its inverse.
+class Configurable:
+    """A law or a model, which options describe."""
 
-    A subclass must define `stress_ratio` and `inertial_number`. Non-local models also need
-    ``inverse_length_squared(mu)``, which returns A^2 d^2/xi^2 of (2.8) and its derivative with
-    respect to mu. Everything else has a default.
-    """
-
-    #: Options of the law, whose values `of` passes to the constructor by name.
+    #: Options, whose values `of` passes to the constructor by name.
     options = ()
-    #: Largest stress ratio without local flow; 0 for a law without yield value.
-    yield_ratio = 0.0
-    inverse_length_squared = None
 
     @classmethod
     def resolve(cls, parameters, names):
@@ -41,8 +29,21 @@ class Law(ABC):
 
     @classmethod
     def of(cls, parameters):
-        """Return the law with the values of its options."""
+        """Return the law or model with the values of its options."""
         return cls(**{option.name: getattr(parameters, option.name) for option in cls.options})
+
+
+class Law(Configurable, ABC):
+    """A local law mu_loc(I) and its inverse, functions of arrays with their derivatives.
+
+    A subclass must define `stress_ratio` and `inertial_number`. Non-local models also need
+    ``inverse_length_squared(mu)``, which returns A^2 d^2/xi^2 of (2.8) and its derivative with
+    respect to mu. Everything else has a default.
+    """
+
+    #: Largest stress ratio without local flow; 0 for a law without yield value.
+    yield_ratio = 0.0
+    inverse_length_squared = None
 
     @abstractmethod
     def stress_ratio(self, I):
@@ -66,10 +67,9 @@ class Law(ABC):
         return dataclasses.replace(self, mu_s=self.mu_s * factor)
 
     def elastic_stress_ratio(self, gdot, s, compliance):
-        """Solve s I_loc(mu) + compliance mu = gdot for mu > `yield_ratio`.
+        """Return mu > `yield_ratio` with s I_loc(mu) + compliance mu = gdot, or NaN.
 
-        ``compliance`` is theta P. The result is NaN where there is no solution. The default is
-        Newton's method within a bracket, to rounding. A law may override it with a closed form.
+        ``compliance`` is theta P. The default is Newton's method within a bracket, to rounding.
         """
         gdot, s, compliance = np.broadcast_arrays(gdot, s, compliance)
         with np.errstate(all="ignore"):
@@ -93,9 +93,9 @@ class Law(ABC):
 def ill_posedness(law, I, centre=0.0, reach=0.5**0.5):
     """Return q^2 + 8 r^2 reach^2 - 4 r (1 - sqrt(2) q centre), r = 1 - nu, q = mu (1 - nu/2).
 
-    It is positive where some long wave grows. For LI waves of all lengths then grow, and the law
-    is ill-posed. ``centre`` and ``reach`` are mean and half distance of the extreme principal
-    values of N. In plane flow, the default, it is C(I) = 4 nu^2 - 4 nu + mu^2 (1 - nu/2)^2.
+    It is positive where some long wave grows; for LI waves of all lengths then grow. ``centre`` and
+    ``reach`` are mean and half distance of the extreme principal values of N. In plane flow, the
+    default, it is C(I) = 4 nu^2 - 4 nu + mu^2 (1 - nu/2)^2.
     """
     mu, nu = sensitivity(law, I)
     r, q = 1.0 - nu, mu * (1.0 - nu / 2.0)
@@ -109,10 +109,7 @@ def sensitivity(law, I):
 
 
 def sign_changes(function, low, high, count=2001):
-    """Return where ``function`` changes sign between ``low`` and ``high`` > 0, (m,).
-
-    The sign changes between ``count`` points in geometric order are refined to rounding.
-    """
+    """Return where ``function`` changes sign between ``count`` points from ``low`` to ``high``."""
     points = np.geomspace(low, high, count)
     signs = np.sign(function(points))
     left = np.flatnonzero(signs[1:] != signs[:-1])

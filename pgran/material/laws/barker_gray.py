@@ -20,8 +20,7 @@ class BarkerGray(Law):
 
     I_1 is the lower root of C(I) = 0 for the Jop law with the same mu_s, mu_2 and I_0, and A_-
     makes mu_loc continuous at I_1. For I -> 0 the law is well-posed if and only if alpha < 2.
-    It has no cooperativity length and applies to LI. ``I_1`` and ``A_minus`` have the shape of
-    ``mu_s``.
+    It has no cooperativity length and applies to LI.
     """
 
     mu_s: object
@@ -46,8 +45,8 @@ class BarkerGray(Law):
 
     def __post_init__(self):
         values, index = np.unique(self.mu_s, return_inverse=True)
-        I_1 = np.array([self._lower_root(mu_s) for mu_s in values])[index]
-        I_1 = I_1.reshape(np.shape(self.mu_s))
+        roots = np.array([self._lower_root(mu_s) for mu_s in values])
+        I_1 = roots[index].reshape(np.shape(self.mu_s))
         object.__setattr__(self, "I_1", I_1)
         object.__setattr__(self, "A_minus", I_1 * np.exp(self.alpha / self._rising(I_1)[0]**2))
 
@@ -60,9 +59,9 @@ class BarkerGray(Law):
         return roots[0]
 
     def _rising(self, I):
-        above = self.mu_s * self.I_0 + self.mu_2 * I + self.mu_inf * I**2
         below = self.I_0 + I
-        return above / below, (self.mu_2 + 2.0 * self.mu_inf * I - above / below) / below
+        value = (self.mu_s * self.I_0 + self.mu_2 * I + self.mu_inf * I**2) / below
+        return value, (self.mu_2 + 2.0 * self.mu_inf * I - value) / below
 
     def stress_ratio(self, I):
         I = np.asarray(I, dtype=float)
@@ -80,11 +79,10 @@ class BarkerGray(Law):
         I = np.where(mu > 0.0, self.A_minus * np.exp(-self.alpha / small**2), 0.0)
         slope = 2.0 * self.alpha * I / small**3
         linear = mu - self.mu_2
-        root = np.sqrt(np.where(low, 1.0, linear**2 - 4.0 * self.mu_inf * self.I_0
-                                * (self.mu_s - mu)))
+        constant = self.I_0 * (mu - self.mu_s)
+        root = np.sqrt(np.where(low, 1.0, linear**2 + 4.0 * self.mu_inf * constant))
         # Which form of the positive root avoids cancellation depends on the sign of mu - mu_2.
         with np.errstate(divide="ignore", invalid="ignore"):
             large = np.where(linear > 0.0, (linear + root) / (2.0 * self.mu_inf),
-                             2.0 * self.I_0 * (mu - self.mu_s) / (root - linear))
-        large_slope = (large + self.I_0) / root
-        return np.where(low, I, large), np.where(low, slope, large_slope)
+                             2.0 * constant / (root - linear))
+        return np.where(low, I, large), np.where(low, slope, (large + self.I_0) / root)

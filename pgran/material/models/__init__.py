@@ -1,6 +1,4 @@
-"""Rheological models. A new model is one new file.
-
-A model derives from `Model`. Its functions take and return numpy arrays.
+"""Rheological models. A new model is one new file with a subclass of `Model`.
 
 Symbols: ``mu`` stress ratio, ``I`` inertial number, ``gdot`` equivalent shear rate, ``g``
 fluidity, ``P`` pressure, ``xi`` cooperativity length, ``s = sqrt(P/(d^2 rho_s))`` the inverse of
@@ -14,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...options import BOTH, positive
+from ..laws import Configurable
 
 AMPLITUDE = positive("A", 0.48, "", "non-local amplitude; A d is also the unit of wave vectors in "
                      "theory and spectra", "(2.8)", shared=BOTH)
@@ -21,10 +20,7 @@ AMPLITUDE = positive("A", 0.48, "", "non-local amplitude; A d is also the unit o
 
 @dataclass
 class WithDerivatives:
-    """A value at points and its derivatives by gdot~ (``rate``), P and g, arrays of one shape.
-
-    A derivative that vanishes everywhere may be 0.0.
-    """
+    """A value at points and its derivatives by gdot~ (``rate``), P and g, arrays or 0.0."""
 
     value: np.ndarray
     rate: object = 0.0
@@ -48,7 +44,7 @@ class Response:
     source: object = None
 
 
-class Model(ABC):
+class Model(Configurable, ABC):
     """A rheology based on a local law.
 
     A subclass must define `response`. The equation of a fluidity field is::
@@ -56,8 +52,6 @@ class Model(ABC):
         storage["fluidity"] (h, dg/dt) + diffusion (grad h, grad g) + (h, F) = 0
     """
 
-    #: Options of the model, whose values `of` passes to the constructor by name.
-    options = ()
     #: Initial fluidity of a transient run over the fluidity of the reference flow.
     start_fluidity = 0.0
     #: Fields of the solver: velocity, pressure, and for some models fluidity.
@@ -70,20 +64,8 @@ class Model(ABC):
     needs_length = False
     #: Coefficient of grad g in the fluidity equation, d^2.
     diffusion = 0.0
-
-    @classmethod
-    def resolve(cls, parameters, names):
-        """Complete and check ``parameters``, see `pgran.material.laws.Law.resolve`."""
-
-    @classmethod
-    def of(cls, parameters):
-        """Return the model with the values of its options."""
-        return cls(**{option.name: getattr(parameters, option.name) for option in cls.options})
-
-    @property
-    def storage(self):
-        """Coefficients of time derivatives, {field: number}."""
-        return {}
+    #: Coefficients of time derivatives, {field: number}.
+    storage = {}
 
     @property
     def has_fluidity(self):
@@ -96,10 +78,7 @@ class Model(ABC):
         return float(np.sqrt(self.diffusion)) or 1.0
 
     def fluidity_excess(self, law, s, mu, P, g):
-        """Return g - g_loc as `WithDerivatives`, where ``rate`` is the derivative by mu.
-
-        It is needed for walls of local fluidity only.
-        """
+        """Return g - g_loc as `WithDerivatives`, where ``rate`` is the derivative by mu."""
         raise NotImplementedError(f"{type(self).__name__} does not support walls of local fluidity")
 
     def curvature(self, law, s, mu, P, g):
@@ -112,22 +91,14 @@ class Model(ABC):
     def spurious_root(self, law, mu, I):
         """Return mu_loc(I) - mu_s where F vanishes because mu = mu_s, and zero elsewhere.
 
-        Uniform flow must satisfy mu = mu_loc(I). The solver repeats a step that converged to
-        another root of F.
+        The solver repeats a step that converged to such a root of F.
         """
         return np.zeros_like(mu)
 
     @abstractmethod
     def response(self, law, s, gdot, P, g, theta):
-        """Return the `Response` at points.
+        """Return the `Response` at points of n elements, where parameters of ``law`` may be (n,).
 
-        Parameters
-        ----------
-        law : pgran.material.laws.Law
-            Its parameters may be arrays (n,), one entry per element.
-        s, gdot, P, g : ndarray, (points, n)
-            sqrt(P/(d^2 rho_s)) in gdot0, effective shear rate gdot~ in gdot0, pressure in the
-            stress unit, and fluidity in gdot0 (None for a model without this field).
-        theta : float
-            Compliance of the elastic element, gdot0/stress; 0 if it is rigid.
+        ``s`` = sqrt(P/(d^2 rho_s)), effective shear rate ``gdot``, pressure ``P`` and fluidity
+        ``g`` (None without this field) are (points, n), and ``theta`` is the elastic compliance.
         """

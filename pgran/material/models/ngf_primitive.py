@@ -8,9 +8,6 @@ from ...options import BOTH, Option, ParameterError, positive
 from . import Model, WithDerivatives
 from .ngf import NGF
 
-#: Inertial numbers at which the length of a law is checked, and the relative tolerance.
-CHECKED, ROUNDING = np.array([1e-3, 1e-2, 1e-1]), 1e-6
-
 
 @dataclass(frozen=True)
 class NGFPrimitive(NGF):
@@ -21,14 +18,14 @@ class NGFPrimitive(NGF):
         t0 dg/dt = A^2 d^2 lap g - F
         F = K g + b sqrt(d^2 rho_s/P) mu g^2,    K = (A^2 d^2/xi^2) sign(mu_s - mu)
 
-    Here b is the slope of mu_loc at I = 0. The stress is the same as in `NGF`. K and F are smooth
-    in mu at mu_s, and g = 0 is a solution for every mu. Above mu_s, F = (b mu g/s) (g - g_loc), so
-    the uniform steady state is g_loc of `NGF`, where both forms have the same linearised F. This
-    requires A^2 d^2/xi^2 = b I_loc above mu_s, which `resolve` checks.
+    Here b is the slope of mu_loc at I = 0. K and F are smooth in mu at mu_s, and g = 0 is a
+    solution for every mu. Above mu_s, F = (b mu g/s) (g - g_loc), so the uniform steady state is
+    g_loc of `NGF`, where both forms have the same linearised F. This requires A^2 d^2/xi^2 =
+    b I_loc above mu_s, which `resolve` checks.
 
-    g >= 0, but the discrete g may be slightly negative where the material is static. Above mu_s
-    this F would then drive g to minus infinity. For g < 0 it is therefore replaced by
-    F = (A^2 d^2/xi^2) g - b sqrt(d^2 rho_s/P) mu g^2, which returns g to 0.
+    Where the material is static, the discrete g may be slightly negative, and this F would drive it
+    to minus infinity above mu_s. For g < 0, F = (A^2 d^2/xi^2) g - b sqrt(d^2 rho_s/P) mu g^2
+    therefore returns g to 0.
 
     ``relaxation_time`` is t0, 1/gdot0.
     """
@@ -52,8 +49,9 @@ class NGFPrimitive(NGF):
         law = parameters.part("law").of(parameters)
         if not law.inverse_length_squared:
             return  # such a law is refused where the length is used
-        stiffness, _ = law.inverse_length_squared(law.stress_ratio(CHECKED)[0])
-        if not np.allclose(stiffness, _slope_at_rest(law, CHECKED) * CHECKED, rtol=ROUNDING):
+        I = np.array([1e-3, 1e-2, 1e-1])
+        stiffness, _ = law.inverse_length_squared(law.stress_ratio(I)[0])
+        if not np.allclose(stiffness, law.stress_ratio(0.0 * I)[1] * I, rtol=1e-6):
             raise ParameterError("model", parameters.model, f"A^2 d^2/xi^2 of @law "
                                  f"{parameters.law} differs from b I_loc, so uniform flow would "
                                  "not have the fluidity g_loc; must be ngf")
@@ -70,13 +68,8 @@ class NGFPrimitive(NGF):
         mu_above = np.where(mu == law.yield_ratio, np.nextafter(law.yield_ratio, np.inf), mu)
         sign = np.where(g < 0.0, 1.0, np.sign(law.yield_ratio - mu_above))
         K, K_slope = (sign * part for part in law.inverse_length_squared(mu_above))
-        drag = _slope_at_rest(law, mu) * np.abs(g) / s
+        drag = law.stress_ratio(np.zeros_like(mu))[1] * np.abs(g) / s
         return WithDerivatives(g * (K + drag * mu),
                                rate=g * (K_slope + drag),
                                pressure=-g * drag * mu / (2.0 * P),
                                fluidity=K + 2.0 * drag * mu)
-
-
-def _slope_at_rest(law, like):
-    """b, the slope of mu_loc at I = 0, with the shape of ``like``."""
-    return law.stress_ratio(np.zeros_like(like))[1]
