@@ -158,7 +158,7 @@ def test_a_mode_has_a_default_file_that_is_not_the_result_of_a_run(tmp_path):
     assert complete({"pgran_case": "periodic"})["pgran_output"] == "results/periodic_ngf_mode.h5"
     assert complete({"pgran_output": "a.h5"})["pgran_output"] == "a.h5"
     form = discretised(width=8, height=24)
-    x = form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    x = form.case.coordinates(*form.grid.nodes.index)
     write_once(tmp_path / "run.h5", form, {"coordinates": x})
     texts = complete({"pgran_restart": str(tmp_path / "run.h5")})
     assert texts["pgran_output"] == str(tmp_path / "run_mode.h5")

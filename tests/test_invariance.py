@@ -112,7 +112,7 @@ def test_a_rigid_rotation_rotates_the_stress_with_the_material(angle=3.0):
     """The invariants of an elastic deviator are constant, and its axes rotate by the angle."""
     form = discretised(element_size=20, width=40, height=40, model="li", imperfection=1)
     first = form.no_stress() + np.array([0.05, -0.05, 0.02]).reshape(-1, 1, 1)
-    x = form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    x = form.case.coordinates(*form.grid.nodes.index)
 
     def unknowns(at):
         return form.grid.join([20.0 - at[1], at[0] - 20.0], None, 1.6)

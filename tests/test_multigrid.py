@@ -214,7 +214,7 @@ def test_the_inertial_laplacian_has_no_flux_at_walls_and_zero_pressure_at_free_f
     one.set(1.0)
     laplacian.mult(one, found)
     corners, comm = form.grid.corners, form.grid.comm.tompi4py()
-    i, j = corners.i[corners.owned], corners.j[corners.owned]
+    i, j = corners.index[:, corners.owned]
     if case == "biaxial":
         near, face = (i < 2) | (i > 4), (i == 0) | (i == 6)
         assert (found.array[face] < 0.0).all()

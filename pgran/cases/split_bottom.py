@@ -42,11 +42,16 @@ class SplitBottom(AnnularCell):
         values[2, floor] = (turning * r)[floor]
 
     def turning(self, r, z):
-        """Return angular velocity and shear rate of a column r < R_s with a blurred boundary."""
-        width = 0.5 * (1.0 + z)
-        u = (r - self.parameters.split_radius) / width
-        slope = 0.5 / np.cosh(np.minimum(np.abs(u), 300.0))**2 / width
-        return 0.5 * (1.0 - np.tanh(u)), r * slope * np.hypot(1.0, 0.5 * u)
+        """Return angular velocity and shear rate of a harmonic flow between planes above a split.
+
+        The function -cos(pi (x + i z)/L) maps the strip between the walls to the upper half-plane.
+        """
+        p, scale = self.parameters, np.pi / self.gap
+        place, split = (scale * (part - p.inner_radius) for part in (r + 1j * z, p.split_radius))
+        distance = np.cos(split) - np.cos(place)
+        least = 0.5 * scale * p.element_size * np.sin(split)
+        size = np.maximum(np.abs(distance), least)
+        return np.angle(distance) / np.pi, r * scale / np.pi * np.abs(np.sin(place)) / size
 
     def observe(self, flow):
         """Return the torque of the turning parts on the material, stress d^3."""
