@@ -51,7 +51,7 @@ class SplitBottom(AnnularCell):
         distance = np.cos(split) - np.cos(place)
         least = 0.5 * scale * p.element_size * np.sin(split)
         size = np.maximum(np.abs(distance), least)
-        return np.angle(distance) / np.pi, r * scale / np.pi * np.abs(np.sin(place)) / size
+        return np.angle(distance) / np.pi, r * scale / np.pi * (0.02 + np.abs(np.sin(place))) / size
 
     def observe(self, flow):
         """Return the torque of the turning parts on the material, stress d^3."""
