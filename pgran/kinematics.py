@@ -39,6 +39,8 @@ class Kinematics:
         Names of the components.
     diagonal : ndarray, (m,)
         1 for diagonal components and 0 for others, which is also the trace operator.
+    normal : list of int
+        The diagonal components.
     pairs : list of (int, int)
         Directions of the off-diagonal components.
     terms : list of dict
@@ -60,6 +62,7 @@ class Kinematics:
         self.labels = tuple(directions[i] + directions[j] for i, j in components)
         self.diagonal = np.array([float(i == j) for i, j in components])
         self.turning = ((0, 2, 2, -1.0), (2, 0, 2, 1.0)) if axisymmetric and velocities == 3 else ()
+        self.normal = [m for m, (i, j) in enumerate(components) if i == j]
         self.pairs = [(i, j) for i, j in components if i != j]
         self._factor = np.where(self.diagonal > 0.0, 1.0, ROOT)
         self.terms = [{m: self._term(c, i, j) for m, (i, j) in enumerate(components)
@@ -82,29 +85,31 @@ class Kinematics:
         return {name: (n,) for name, n in {**vectors, **dict.fromkeys(TENSORS, len(self))}.items()}
 
     def operators(self, inverse, over_r=None):
-        """Return S, [{m: (slots, points, n)}]: D_m = sum over c and slots of S[c][m] and v_c.
+        """Return S, a list of {m: (factor, (slots, points, n))}, the product of which is S[c][m].
 
-        ``inverse`` (dim, dim, points, n) is d xi_s/d x_k, and ``over_r`` (points, n) is 1/r.
+        D_m is the sum over c and slots of S[c][m] times the derivatives along the reference
+        directions and, in the last slot, the value of v_c. ``inverse`` (dim, dim, points, n) is
+        d xi_s/d x_k, and ``over_r`` (points, n) is 1/r.
         """
-        found = []
-        for terms in self.terms:
-            found.append({})
-            for m, (k, slope, hoop) in terms.items():
-                part = inverse[k] if slope == 1.0 else slope * inverse[k % self.dim]
-                if self.axisymmetric:
-                    part = np.concatenate([part, hoop * over_r[None]])
-                found[-1][m] = part
-        return found
+        if not self.axisymmetric:
+            return [{m: (slope, inverse[k]) for m, (k, slope, _) in terms.items()}
+                    for terms in self.terms]
+        return [{m: (1.0, np.concatenate([slope * inverse[k % self.dim], hoop * over_r[None]]))
+                 for m, (k, slope, hoop) in terms.items()} for terms in self.terms]
 
     def strain_rate(self, gradients, over_r=None):
         """Return D (m, ...) of ``gradients[c][k]`` and, with rotational symmetry, v_c/r."""
-        found = np.zeros((len(self), *np.shape(gradients[0][0])))
+        found = np.empty((len(self), *np.shape(gradients[0][0])))
+        new = set(range(len(self)))
         for c, terms in enumerate(self.terms):
             for m, (k, slope, hoop) in terms.items():
-                if slope:
-                    found[m] += slope * gradients[c][k]
-                if hoop:
-                    found[m] += hoop * over_r[c]
+                for factor, values in (slope, gradients[c][k % self.dim]), (
+                        hoop, over_r[c] if hoop else None):
+                    if factor and m in new:
+                        np.multiply(factor, values, out=found[m])
+                        new.remove(m)
+                    elif factor:
+                        found[m] += factor * values
         return found
 
     def spin(self, gradients, over_r=None):

@@ -204,7 +204,8 @@ def solved(**given):
     *exact, _ = case.steady(profile, x)
     corners = x[:, grid.corner_nodes()]
     points = np.array([element(2).shape @ part[grid.element_nodes] for part in x])
-    increment = form.increment(x, case.steady(profile, points)[3], 1e-9, 0.0)
+    stress = form.kinematics.mandel(case.steady(profile, points)[3])
+    increment = form.increment(x, stress, 1e-9, 0.0)
     local = newton(form, increment, grid.join(*exact[:2], case.steady(profile, corners)[2]), 1e-9)
     velocity, _, pressure = grid.split(local)
     found = (velocity, nodal_fields(form, local, increment)["fluidity"],

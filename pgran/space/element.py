@@ -6,6 +6,7 @@ one matrix product with a table evaluates all elements.
 """
 
 from functools import cached_property, lru_cache, reduce
+from operator import add
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,11 @@ WEIGHTS_1D = np.array([5.0, 8.0, 5.0]) / 9.0
 #: number f ^ 1.
 SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1), "back": (2, -1),
          "front": (2, 1)}
+
+
+def total(arrays):
+    """Return the sum of arrays; unlike `sum` it adds no zero."""
+    return reduce(add, arrays)
 
 
 def quadratic(x):
@@ -189,12 +195,12 @@ class Geometry:
 
     def gradient(self, nodal):
         """Return the gradient (dim, points, n) of a Q2 field ``nodal`` (nodes, n)."""
-        slopes = [slope @ nodal for slope in self.rule.slope]
-        return sum(self.inverse[:, r] * slope for r, slope in enumerate(slopes))
+        return total(self.inverse[:, r] * (slope @ nodal)
+                     for r, slope in enumerate(self.rule.slope))
 
     def pull_back(self, flux):
         """Return weight * sum_k (d xi_r/d x_k) flux_k of ``flux``, both (dim, points, n)."""
-        return self.weight * sum(inverse * part for inverse, part in zip(self.inverse, flux))
+        return self.weight * total(inverse * part for inverse, part in zip(self.inverse, flux))
 
     def area(self, side):
         """Return the outward normals times area (dim, points, n) at the points of a side's rule."""

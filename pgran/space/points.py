@@ -6,7 +6,7 @@ Arrays are (points, n): point first, element last.
 import numpy as np
 
 from ..material.models import WithDerivatives
-from .element import Geometry
+from .element import Geometry, total
 
 
 def secant(slope, curvature, change):
@@ -61,7 +61,7 @@ class BatchPoints:
         if geometry.over_r is not None:
             self.over_r = self.velocity * geometry.over_r
         self.rate = self.kinematics.strain_rate(self.gradients, self.over_r)
-        self.divergence = np.tensordot(self.kinematics.diagonal, self.rate, 1)
+        self.divergence = total(self.rate[m] for m in self.kinematics.normal)
         self.rate += increment.stress[:, :, batch] * (theta / 2.0)
         self.gdot = np.sqrt(2.0 * (self.rate**2).sum(axis=0))
         self.P = self.element.corner_shape @ nodal[grid.blocks["P"]]
@@ -101,7 +101,10 @@ class BatchPoints:
 
     def stress(self):
         """Return sigma = sigma' - P 1, (m, points, n)."""
-        return self.deviator() - np.multiply.outer(self.kinematics.diagonal, self.P)
+        stress = self.deviator()
+        for m in self.kinematics.normal:
+            stress[m] -= self.P
+        return stress
 
     def operators(self):
         """Return the `pgran.kinematics.Kinematics.operators` S at the points."""
@@ -131,10 +134,15 @@ class BatchPoints:
             getattr(source, name) + change * getattr(mu, name)
             for name in ("rate", "pressure", "fluidity")))
 
-    def directions(self, operators):
-        """Return t[c] = sum_m S[c][m] n_m with n = 2 D~/gdot~ (0 at rest), (slots, points, n)."""
-        n = self.rate * (2.0 / np.where(self.gdot > 0.0, self.gdot, np.inf))
-        return [sum(S * n[m] for m, S in parts.items()) for parts in operators]
+    def direction(self):
+        """Return n = 2 D~/gdot~, 0 at rest, (m, points, n)."""
+        return self.rate * (2.0 / np.where(self.gdot > 0.0, self.gdot, np.inf))
+
+
+def contracted(operators, tensor):
+    """Return sum_m S[c][m] T_m for each c, [(slots, points, n)], of a tensor T (m, points, n)."""
+    return [total(S * (tensor[m] if factor == 1.0 else factor * tensor[m])
+                  for m, (factor, S) in parts.items()) for parts in operators]
 
 
 class RulePoints:

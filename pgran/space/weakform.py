@@ -23,10 +23,10 @@ from petsc4py import PETSc
 
 from .. import cases
 from ..options import ParameterError
-from .element import Geometry, table
+from .element import Geometry, table, total
 from .grid import Grid
 from .matrix import Field, InPlaceMatrix, ScatterAdd, Unknowns, fill
-from .points import BatchPoints, SurfacePoints, WallPoints
+from .points import BatchPoints, SurfacePoints, WallPoints, contracted
 
 #: Elements of a batch, by dimensions.
 BATCH = {2: 512, 3: 24}
@@ -166,8 +166,8 @@ class WeakForm:
             points = rule.shape @ x[:, grid.element_nodes[:, elements]]
             force = traction(points, grid.geometry(x, elements, rule).area(side))
             nodes, tests = grid.side_nodes(side), rule.shape[:, self.element.side_nodes[side]]
-            for total, part in zip(load, force):
-                total += np.bincount(nodes.ravel(), (tests.T @ part).ravel(),
+            for loads, part in zip(load, force):
+                loads += np.bincount(nodes.ravel(), (tests.T @ part).ravel(),
                                      minlength=grid.nodes.size)
         return load
 
@@ -249,9 +249,8 @@ class WeakForm:
             rates = e.shape @ rate[unknowns[rows]]
             out[rows] += e.shape.T @ (coefficient * weight * rates)
 
-        for c, (name, S) in enumerate(zip(self.grid.velocities, p.operators())):
-            rows = blocks[name]
-            flux = weight * sum(part * stress[m] for m, part in S.items())
+        for c, flux in enumerate(contracted(p.operators(), weight * stress)):
+            rows = blocks[self.grid.velocities[c]]
             np.matmul(self._slots.T, flux.reshape(self._slots.shape[0], -1), out=out[rows])
             if bodies is not None:
                 out[rows] -= e.shape.T @ bodies[c]
@@ -405,48 +404,49 @@ class WeakForm:
         source_weight = self._source_weight(weight, number)
         slot = "slot" if self.kinematics.axisymmetric else "slope"
 
-        def product(left, right, factors):
+        def put(row, column, left, right, factors):
             products = table(e.dim, left, right)
-            return products @ factors.reshape(products.shape[1], n)
+            np.matmul(products, factors.reshape(products.shape[1], n), out=out[rows[row, column]])
 
-        S = p.operators()
-        t = p.directions(S)
+        S, diagonal = p.operators(), self.kinematics.normal
+        t = contracted(S, p.direction())
         viscous = 2.0 * weight * viscosity.value
         tangent = weight * viscosity.rate * p.gdot if np.ndim(viscosity.rate) else None
         for a, row in enumerate(velocities):
-            Sa = {m: part * viscous for m, part in S[a].items()}
-            ta = None if tangent is None else t[a] * tangent
             for b, column in list(enumerate(velocities))[a:]:
-                terms = [Sa[m][:, None] * S[b][m] for m in Sa.keys() & S[b].keys()]
-                if ta is not None:
-                    terms.append(ta[:, None] * t[b])
-                block = product(slot, slot, sum(terms)) if terms else np.zeros((e.nodes**2, n))
-                out[rows[row, column]] = block
+                terms = [(S[a][m][0] * S[b][m][0] * viscous * S[a][m][1])[:, None] * S[b][m][1]
+                         for m in S[a].keys() & S[b].keys()]
+                if tangent is not None:
+                    terms.append((tangent * t[a])[:, None] * t[b])
+                put(row, column, slot, slot, total(terms) if terms else np.zeros(
+                    (self.kinematics.slots**2 * e.points, n)))
                 if b > a:  # the transposed block
-                    out[rows[column, row]] = block.reshape(e.nodes, e.nodes, n).swapaxes(
-                        0, 1).reshape(block.shape)
+                    block, other = (out[rows[names]].reshape(e.nodes, e.nodes, n)
+                                    for names in ((row, column), (column, row)))
+                    other[:] = block.swapaxes(0, 1)
             along = weight * p.gdot * t[a]
             divergence = weight * sum(
-                (part for m, part in S[a].items() if self.kinematics.diagonal[m]),
+                (part * factor for m, (factor, part) in S[a].items() if m in diagonal),
                 np.zeros_like(t[a]))
-            out[rows[row, "P"]] = product(slot, "corner", viscosity.pressure * along - divergence)
-            out[rows["P", row]] = product("corner", slot, -divergence)
+            put(row, "P", slot, "corner", viscosity.pressure * along - divergence)
+            put("P", row, "corner", slot, -divergence)
             if self.grid.has_fluidity:
-                out[rows[row, "g"]] = product(slot, "value", viscosity.fluidity * along)
-                out[rows["g", row]] = product("value", slot, source_weight * source.rate * t[a])
-            if self.storage["velocity"]:
-                out[rows[row, row]] += product(
-                    "value", "value", self.storage["velocity"] * shift * weight)
+                put(row, "g", slot, "value", viscosity.fluidity * along)
+                put("g", row, "value", slot, source_weight * source.rate * t[a])
+        if self.storage["velocity"]:
+            mass = table(e.dim, "value", "value") @ (self.storage["velocity"] * shift * weight)
+            for row in velocities:
+                out[rows[row, row]] += mass
         if self.convective:
             for (row, column), kind, factors in self._convection_tangents(p):
-                out[rows[row, column]] += product("value", kind, factors)
+                products = table(e.dim, "value", kind)
+                out[rows[row, column]] += products @ factors.reshape(products.shape[1], n)
         if self.grid.has_fluidity:
             metric = np.einsum("krqe,ksqe->rsqe", *[p.geometry.inverse] * 2)
-            fluidity = source_weight * source.fluidity + self.storage["fluidity"] * shift * weight
-            out[rows["g", "g"]] = (
-                product("slope", "slope", self.material.model.diffusion * weight * metric)
-                + product("value", "value", fluidity))
-            out[rows["g", "P"]] = product("value", "corner", source_weight * source.pressure)
+            put("g", "g", "slope", "slope", self.material.model.diffusion * weight * metric)
+            out[rows["g", "g"]] += table(e.dim, "value", "value") @ (
+                source_weight * source.fluidity + self.storage["fluidity"] * shift * weight)
+            put("g", "P", "value", "corner", source_weight * source.pressure)
             for surface in surfaces:
                 for entries, values in self._rule_tangents(p, surface, t):
                     out[entries, surface.chosen] += values
