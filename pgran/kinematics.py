@@ -99,18 +99,14 @@ class Kinematics:
 
     def strain_rate(self, gradients, over_r=None):
         """Return D (m, ...) of ``gradients[c][k]`` and, with rotational symmetry, v_c/r."""
-        found = np.empty((len(self), *np.shape(gradients[0][0])))
-        new = set(range(len(self)))
+        found = [None] * len(self)
         for c, terms in enumerate(self.terms):
             for m, (k, slope, hoop) in terms.items():
-                for factor, values in (slope, gradients[c][k % self.dim]), (
-                        hoop, over_r[c] if hoop else None):
-                    if factor and m in new:
-                        np.multiply(factor, values, out=found[m])
-                        new.remove(m)
-                    elif factor:
-                        found[m] += factor * values
-        return found
+                parts = [slope * gradients[c][k]] if slope else []
+                parts += [hoop * over_r[c]] if hoop else []
+                for part in parts:
+                    found[m] = part if found[m] is None else found[m] + part
+        return np.array(found)
 
     def spin(self, gradients, over_r=None):
         """Return the spin (pairs, ...) of the same arguments."""
