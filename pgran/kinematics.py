@@ -35,6 +35,8 @@ class Kinematics:
 
     Attributes
     ----------
+    axes : tuple of str
+        Names of the coordinates in mathematical notation.
     labels : tuple of str
         Names of the components.
     diagonal : ndarray, (m,)
@@ -59,6 +61,7 @@ class Kinematics:
         self.components, self.velocities = tuple(components), velocities
         self.axisymmetric, self.slots = axisymmetric, dim + axisymmetric
         self.circumference = 2.0 * np.pi if axisymmetric else 1.0
+        self.axes = tuple(name if name.isalpha() else f"x_{name}" for name in directions[:dim])
         self.labels = tuple(directions[i] + directions[j] for i, j in components)
         self.diagonal = np.array([float(i == j) for i, j in components])
         self.turning = ((0, 2, 2, -1.0), (2, 0, 2, 1.0)) if axisymmetric and velocities == 3 else ()

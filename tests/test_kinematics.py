@@ -27,6 +27,10 @@ class Block(cases.Case):
     moving, kinematics, elements = False, PLANE, None
 
     @property
+    def base_gradient(self):
+        return np.diag([0.1, -0.2, 0.0])[:self.kinematics.velocities, :self.kinematics.dim]
+
+    @property
     def shape(self):
         return self.elements or (3, 2, 2)[:self.kinematics.dim]
 
@@ -101,7 +105,15 @@ def test_vectorised_kernels_equal_plain_loops(kind, model):
                                atol=1e-12 * np.abs(tangent).max())
 
 
-class Manufactured(Block):
+class Still(Block):
+    """A block without base flow."""
+
+    @property
+    def base_gradient(self):
+        return np.zeros((self.kinematics.velocities, self.kinematics.dim))
+
+
+class Manufactured(Still):
     """Smooth v, P and g: prescribed v and g on the sides, but the traction on the top."""
 
     def value(self, names, x):
@@ -213,7 +225,7 @@ def test_manufactured_solutions_have_the_orders_of_the_elements(kind, inertia):
 
 def test_material_that_turns_as_a_block_keeps_its_stress():
     """In the basis e_r, e_z, e_t, which turns with it."""
-    form, x = block("swirl", model="li")
+    form, x = block("swirl", Still, model="li")
     grid = form.grid
     local = grid.join([0.0 * x[0], 0.0 * x[0], 2.0 * x[0]], None, 1.0)
     stress = form.no_stress() + np.arange(1.0, 7.0).reshape(-1, 1, 1)

@@ -56,7 +56,7 @@ def power(form, local, forces, increment):
     """
     grid, case = form.grid, form.case
     base = case.base_gradient
-    base_rate = form.kinematics.strain_rate(base)
+    base_rate = form.kinematics.strain_rate(base, base[:, 0])  # v_r/r is d v_r/d r
     velocity = grid.split(np.where(form.held, increment.prescribed, local))[0]
     reactions = grid.split(np.where(form.held, forces, 0.0))[0]
     received = ((reactions + increment.load) * velocity)[:, grid.nodes.owned].sum()

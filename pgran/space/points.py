@@ -53,19 +53,19 @@ class BatchPoints:
         self.nodal = nodal = local[grid.element_unknowns[:, batch]]
         self.elements = nodal.shape[1]
         self.geometry = geometry = increment.geometry[batch]
+        self.nodes, self._x = grid.element_nodes[:, batch], increment.x
         self._base, theta = form.case.base_gradient, increment.theta
         self._nodal_velocity = [nodal[grid.blocks[name]] for name in grid.velocities]
         self.gradients = [geometry.gradient(part) + np.reshape(row, (-1, 1, 1))
                           for part, row in zip(self._nodal_velocity, self._base)]
         self.over_r = None
         if geometry.over_r is not None:
-            self.over_r = self.velocity * geometry.over_r
+            self.over_r = self.total_velocity * geometry.over_r
         self.rate = self.kinematics.strain_rate(self.gradients, self.over_r)
         self.divergence = total(self.rate[m] for m in self.kinematics.normal)
         self.rate += increment.stress[:, :, batch] * (theta / 2.0)
         self.gdot = np.sqrt(2.0 * (self.rate**2).sum(axis=0))
         self.P = self.element.corner_shape @ nodal[grid.blocks["P"]]
-        self.nodes, self._x = grid.element_nodes[:, batch], increment.x
         self.nodal_g = nodal[grid.blocks["g"]] if grid.has_fluidity else None
         fluidity = self.element.shape @ self.nodal_g if grid.has_fluidity else None
         self._material, self._law = form.material, form.laws[number]
