@@ -61,6 +61,7 @@ class Kinematics:
         self.components, self.velocities = tuple(components), velocities
         self.axisymmetric, self.slots = axisymmetric, dim + axisymmetric
         self.circumference = 2.0 * np.pi if axisymmetric else 1.0
+        self.volume_unit = "d^3" if axisymmetric or dim == 3 else "d^2"
         self.axes = tuple(name if name.isalpha() else f"x_{name}" for name in directions[:dim])
         self.labels = tuple(directions[i] + directions[j] for i, j in components)
         self.diagonal = np.array([float(i == j) for i, j in components])
