@@ -182,8 +182,9 @@ def noise(grid, seed):
     """Return random unknowns (n_local,), independent of the ranks."""
     def values(lattice, number):
         nx, ny = lattice.shape
+        i, j = lattice.index
         table = np.random.default_rng(seed + number).standard_normal((ny, nx))
-        return table[lattice.j % ny, lattice.i % nx]
+        return table[j % ny, i % nx]
 
     v1, v2, fluidity = (values(grid.nodes, number) for number in range(3))
     return grid.join(np.array([v1, v2]), fluidity, values(grid.corners, 3))

@@ -12,10 +12,10 @@ from conftest import discretised, pgran
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pgran.material.elasticity import rotate
+from pgran.kinematics import PLANE
 from pgran.solve.state import State, TimeStep
 from pgran.space.advection import Advection
-from pgran.space.element import DIM, POINTS, SHAPE, Geometry
+from pgran.space.element import Geometry, element
 from pgran.space.grid import Grid
 
 COMM = MPI.COMM_WORLD
@@ -23,12 +23,12 @@ COMM = MPI.COMM_WORLD
 
 def nodes_of(grid):
     """Global indices of the nodes in elements, (2, n_nodes)."""
-    return np.array([grid.nodes.i, grid.nodes.j]) / 2.0
+    return grid.nodes.index / 2.0
 
 
 def at_points(grid, x):
     """Coordinates of the Gauss points of the local elements, (2, points, n)."""
-    return np.array([SHAPE @ part[grid.element_nodes] for part in x])
+    return np.array([element(2).shape @ part[grid.element_nodes] for part in x])
 
 
 def owned(grid, values):
@@ -56,7 +56,7 @@ def distorted(comm, n=6):
 def ring(comm):
     """A sheared ring that turns counterclockwise; i counts clockwise."""
     grid = Grid(comm, (8, 4), (True, False))
-    r, angle = 2.0 + nodes_of(grid)[1] / 4.0, -2.0 * np.pi * (grid.nodes.i % 16) / 16
+    r, angle = 2.0 + nodes_of(grid)[1] / 4.0, -2.0 * np.pi * (grid.nodes.index[0] % 16) / 16
     x = r * np.array([np.cos(angle), np.sin(angle)])
     return grid, x, np.array([-x[1], x[0]]) * (3.0 - r)
 
@@ -80,8 +80,8 @@ FLOWS = {"straight": partial(uniform, slope=0.0), "oblique": partial(uniform, sl
 def test_no_disturbance_grows_at_any_courant_number(flow, courant):
     grid, x, velocity = FLOWS[flow](PETSc.COMM_SELF)
     scheme = Advection(grid, velocity, x)
-    size = POINTS * grid.elements.owned.size
-    fields = grid.with_ghost_elements(np.eye(size).reshape(size, POINTS, -1))
+    size = element(2).points * grid.elements.owned.size
+    fields = grid.with_ghost_elements(np.eye(size).reshape(size, element(2).points, -1))
     step = owned(grid, scheme.advect(fields, courant / scheme.rate)).reshape(size, size).T
     # Multiple eigenvalues 1 of fields that the flow does not change are computed to 1e-8 only.
     assert np.abs(np.linalg.eigvals(step)).max() < 1.0 + 1e-7
@@ -142,16 +142,16 @@ def test_integrals_and_uniform_fields_are_conserved_on_any_number_of_ranks(flow)
     (serial, rate, complete), (grid, parallel_rate, part) = found
     assert parallel_rate == pytest.approx(rate, rel=1e-14)
     nx, ny = grid.shape
-    table = np.empty((3, POINTS, ny, nx))
-    table[..., serial.element_j % ny, serial.element_i % nx] = complete
-    np.testing.assert_allclose(part, table[..., grid.element_j % ny, grid.element_i % nx],
-                               atol=1e-13)
+    table = np.empty((3, element(2).points, ny, nx))
+    table[..., serial.elements.index[1] % ny, serial.elements.index[0] % nx] = complete
+    i, j = grid.elements.index
+    np.testing.assert_allclose(part, table[..., j % ny, i % nx], atol=1e-13)
 
 
 def test_transport_and_rotation_of_stress_have_second_order_in_time():
     form = discretised(case="planar_shear", width=4, height=4, element_size=0.5)
     grid = form.grid
-    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    x = form.case.coordinates(*grid.nodes.index)
     phase, across = np.pi * x[0] / 2.0, x[1] * (4.0 - x[1]) / 4.0
     velocity = np.array([1.0 + np.sin(phase) * (4.0 - 2.0 * x[1]) / 4.0,
                          -np.pi / 2.0 * np.cos(phase) * across])
@@ -172,14 +172,15 @@ def test_transport_and_rotation_of_stress_have_second_order_in_time():
 def test_both_stresses_of_a_state_are_transported_and_rotated():
     form = discretised(case="annular_shear", inner_radius=3, outer_radius=6, element_size=1)
     grid = form.grid
-    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    x = form.case.coordinates(*grid.nodes.index)
     local, dt = grid.join([-x[1], x[0]], 1.0, 1.0), 0.1
     x1, x2 = at_points(grid, x)
 
     def turned(t):
         """A tensor S(r, angle) = R(angle/2) S(r) of a ring after the ring has turned by t."""
         radius, angle = np.hypot(x1, x2) / 6.0, np.arctan2(x2, x1)
-        return rotate(np.array([radius, -radius, 0.3 + 0.0 * radius]), t + (angle - t) / 2.0)
+        return PLANE.rotate(np.array([radius, -radius, 0.3 + 0.0 * radius]),
+                            np.array([t + (angle - t) / 2.0]))
 
     state = State(0.0, x, local, turned(0.0), dt, 2.0 * turned(0.0), np.zeros_like(local))
     step = TimeStep(form, state, dt)
@@ -199,7 +200,7 @@ def test_a_chute_stays_uniform_along_its_flow(tmp_path):
           "-pgran_gravity", 0.06, "-pgran_width", 20, "-pgran_height", 2, "-pgran_element_size", 1,
           "-pgran_step_max", dt, "-pgran_end_time", end, "-pgran_snapshots", end)
     with h5py.File(path) as file:
-        shear = file["snapshots/0000/stress_tensor"][..., DIM]
+        shear = file["snapshots/0000/stress_tensor"][..., 2]
         speed = np.abs(file["snapshots/0000/velocity"][...]).max()
         courant, step = (file["history"][name][...] for name in ("courant_number", "step_size"))
     assert np.ptp(shear, axis=0).max() < 1e-10

@@ -80,7 +80,7 @@ def test_a_run_stops_when_a_free_face_reaches_a_plate(path):
 
 def test_an_inverted_mesh_is_not_accepted():
     form = discretised(element_size=20)
-    x = form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    x = form.case.coordinates(*form.grid.nodes.index)
     driver = SimpleNamespace(grid=form.grid, case=form.case, comm=form.grid.comm.tompi4py())
     with pytest.raises(SolutionError, match="an element is inverted at x = "):
         Driver._check_mesh(driver, SimpleNamespace(time=0.0, x=x[::-1]))

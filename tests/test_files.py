@@ -27,7 +27,7 @@ def form():
 
 def fields(form, number=0.0):
     """Fields of a snapshot that depend on a number."""
-    x = form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    x = form.case.coordinates(*form.grid.nodes.index)
     return {"coordinates": x, "velocity": x + number, "pressure": x[0] + number,
             "deviator": np.stack([x[0], x[1], x[0] + number])}
 

@@ -20,8 +20,8 @@ from pgran.options import ParameterError
 from pgran.output.reader import stored_parameters
 from pgran.output.writer import write_once
 from pgran.solve.driver import AcceptedStep
-from pgran.space import element
 from pgran.space.diagnostics import nodal_fields
+from pgran.space.element import element
 from pgran.space.grid import Grid
 from pgran.space.weakform import WeakForm
 from pgran.theory import profiles
@@ -47,8 +47,8 @@ def created(**given):
 def disturbed(form, size=0.02, pressure=0.5):
     """Unknowns near the reference flow with more pressure, and the increment of an elastic step."""
     grid, case = form.grid, form.case
-    x = case.coordinates(grid.nodes.i, grid.nodes.j)
-    corners = x[:, grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)]
+    x = case.coordinates(*grid.nodes.index)
+    corners = x[:, grid.corner_nodes()]
     velocity, fluidity, _ = case.reference(x)
     local = grid.join(velocity, fluidity, case.reference(corners)[2] + pressure)
     increment = form.increment(x, form.no_stress() + 0.02, 0.1, 0.0)
@@ -60,7 +60,7 @@ def disturbed(form, size=0.02, pressure=0.5):
     ("annular_shear", "local", "ngf"), ("inclined_plane", "zero", "ngf_primitive")])
 def test_jacobian_with_walls_and_convection_is_the_derivative_of_the_residual(
         monkeypatch, case, wall, model):
-    monkeypatch.setattr("pgran.space.weakform.BATCH", 10)  # several batches
+    monkeypatch.setattr("pgran.space.weakform.BATCH", {2: 10})  # several batches
     form = discretised(case=case, model=model, wall_fluidity=wall, inertia=True, law="jop", mu_2=6,
                        **COARSE[case])
     local, increment = disturbed(form)
@@ -81,7 +81,7 @@ def test_convection_and_mean_velocity_include_the_base_flow():
     grid = Grid(PETSc.COMM_WORLD, Streaming.shape)
     streaming, plain = (WeakForm(grid, Streaming(given)) for _ in range(2))
     plain.case.base_gradient = np.zeros((2, 2))
-    x = streaming.case.coordinates(grid.nodes.i, grid.nodes.j)
+    x = streaming.case.coordinates(*grid.nodes.index)
     local = 1.0 + 0.1 * noise(grid, 2)
     total = local.copy()
     nodal = grid.split(total)[0]
@@ -115,8 +115,8 @@ def test_the_inertial_number_has_a_value_where_the_pressure_vanishes():
 def test_a_nan_in_a_field_is_written_and_reported_with_its_position(tmp_path, capsys):
     form = discretised(element_size=20)
     nodes = form.grid.nodes
-    field = np.where((nodes.i == 2) & (nodes.j == 1), np.nan, 1.0)
-    fields = {"coordinates": form.case.coordinates(nodes.i, nodes.j), "speed": field}
+    field = np.where((nodes.index == [[2], [1]]).all(axis=0), np.nan, 1.0)
+    fields = {"coordinates": form.case.coordinates(*nodes.index), "speed": field}
     write_once(COMM.bcast(tmp_path) / "mode.h5", form, fields)
     error_text = COMM.bcast(capsys.readouterr().err)
     assert "snapshot 0000: speed is" in error_text and "x = (20, 10) d" in error_text
@@ -200,11 +200,12 @@ def solved(**given):
     form = discretised(**given)
     case, grid = form.case, form.grid
     profile = case.profile()
-    x = case.coordinates(grid.nodes.i, grid.nodes.j)
+    x = case.coordinates(*grid.nodes.index)
     *exact, _ = case.steady(profile, x)
-    corners = x[:, grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)]
-    points = np.array([element.SHAPE @ part[grid.element_nodes] for part in x])
-    increment = form.increment(x, case.steady(profile, points)[3], 1e-9, 0.0)
+    corners = x[:, grid.corner_nodes()]
+    points = np.array([element(2).shape @ part[grid.element_nodes] for part in x])
+    stress = form.kinematics.mandel(case.steady(profile, points)[3])
+    increment = form.increment(x, stress, 1e-9, 0.0)
     local = newton(form, increment, grid.join(*exact[:2], case.steady(profile, corners)[2]), 1e-9)
     velocity, _, pressure = grid.split(local)
     found = (velocity, nodal_fields(form, local, increment)["fluidity"],
@@ -287,7 +288,7 @@ def test_a_ring_in_xdmf_is_closed(tmp_path):
 
     form = discretised(case="annular_shear", **RUNS["annular_shear"][0])
     nodes, path = form.grid.nodes, COMM.bcast(tmp_path) / "ring.h5"
-    write_once(path, form, {"coordinates": form.case.coordinates(nodes.i, nodes.j)})
+    write_once(path, form, {"coordinates": form.case.coordinates(*nodes.index)})
     grid = pyvista.get_reader(str(path.with_suffix(".xdmf"))).read()
     while isinstance(grid, pyvista.MultiBlock):
         grid = grid[0]

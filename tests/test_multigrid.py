@@ -15,14 +15,9 @@ from pgran.output.result import Result
 from pgran.solve.state import rest
 from pgran.space.coarse import CoarseCorrection
 from pgran.space.galerkin import GalerkinMatrix, first_batches
+from pgran.space.grid import indices
 from pgran.space.multigrid import corner_level, node_level
 from pgran.space.schur import INERTIAL, SchurPreconditioner
-
-
-def indices(level):
-    (i0, i1), (j0, j1) = level.range
-    j, i = np.mgrid[j0:j1, i0:i1]
-    return i.ravel(), j.ravel()
 
 
 def interpolated(coarse, fine, values):
@@ -45,7 +40,7 @@ def test_interpolation_is_exact_for_free_unknowns_and_keeps_prescribed_ones(opti
         coarse, exact = fine.coarser(), []
         assert coarse.shape == tuple(-(-n // 2) for n in fine.shape)
         for level in fine, coarse:
-            x, y = (at[index] / at[-1] for at, index in zip(level.at, indices(level)))
+            x, y = (at[index] / at[-1] for at, index in zip(level.at, indices(level.ranges)))
             values = (np.ones_like(x) if any(fine.periodic)
                       else 1.0 + x + 2.0 * y - x * y + curved * x**2 * y**2)
             values = values[:, None] + np.arange(level.dof)
@@ -58,7 +53,7 @@ def test_interpolation_is_exact_for_free_unknowns_and_keeps_prescribed_ones(opti
             np.testing.assert_allclose(found[free], exact[0][free], rtol=1e-12)
             assert comm.allreduce(int(free.sum())) > 0.5 * comm.allreduce(free.size)
         kept = np.repeat(np.logical_and(*(np.isin(index, nodes) for index, nodes in zip(
-            indices(fine), coarse.kept))), fine.dof)
+            indices(fine.ranges), coarse.kept))), fine.dof)
         np.testing.assert_array_equal(interpolated(coarse, fine, np.where(coarse.held, 1.0, 0.0)),
                                       np.where(fine.held & kept, 1.0, 0.0))
         fine = coarse
@@ -69,12 +64,12 @@ def test_interpolation_wraps_around_a_periodic_cell():
     form = discretised(case="periodic", cell_elements=8, inertia="true")
     fine = node_level(form, ["velocity", "fluidity"])
     coarse = fine.coarser()
-    i, j = indices(coarse)
+    i, j = indices(coarse.ranges)
     found = interpolated(coarse, fine, np.repeat(np.where((i == 0) & (j == 0), 1.0, 0.0), 3))
     # Corner functions of elements of four fine spacings; a period has 16 fine nodes.
     across = np.zeros(16)
     across[:4] = across[[0, -1, -2, -3]] = 1.0, 0.375, 0.0, -0.125
-    i, j = indices(fine)
+    i, j = indices(fine.ranges)
     expected = np.repeat(across[i] * across[j], 3)
     np.testing.assert_allclose(found, expected, atol=1e-15)
     assert fine.comm.tompi4py().allreduce(np.count_nonzero(found[np.repeat(i > 8, 3)])) > 10
@@ -214,7 +209,7 @@ def test_the_inertial_laplacian_has_no_flux_at_walls_and_zero_pressure_at_free_f
     one.set(1.0)
     laplacian.mult(one, found)
     corners, comm = form.grid.corners, form.grid.comm.tompi4py()
-    i, j = corners.i[corners.owned], corners.j[corners.owned]
+    i, j = corners.index[:, corners.owned]
     if case == "biaxial":
         near, face = (i < 2) | (i > 4), (i == 0) | (i == 6)
         assert (found.array[face] < 0.0).all()

@@ -67,7 +67,7 @@ thread.join()
 
 
 def test_a_signal_stops_a_run_in_this_process_and_the_same_call_resumes_it(tmp_path, path):
-    more = {**SMALL, "element_size": 1, "step_max": 2e-4}
+    more = {**SMALL, "element_size": 1, "step_max": 1e-4}
 
     def interrupt():
         while not (path.exists() and len(pgran.open(path).history["time"]) > 3):

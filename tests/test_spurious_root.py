@@ -45,7 +45,7 @@ def test_a_specimen_without_imperfection_keeps_the_local_stress_ratio(tmp_path):
 
 def uniform(form, mu):
     """Return mesh and unknowns of the reference flow with the fluidity of a stress ratio."""
-    grid, x = form.grid, form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    grid, x = form.grid, form.case.coordinates(*form.grid.nodes.index)
     velocity, fluidity, _ = form.case.reference(x)
     pressure = np.full(grid.corners.size, form.material.pressure)
     return x, grid.join(velocity, fluidity * form.material.stress_ratio / mu, pressure)
@@ -74,7 +74,7 @@ def test_the_length_is_limited_close_to_a_free_surface_too():
     """The source has a different quadrature rule there."""
     form = discretised(case="inclined_plane", width=1, height=4, element_size=1)
     grid, rate, decay = form.grid, 0.3, 0.2
-    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    x = form.case.coordinates(*grid.nodes.index)
     local = grid.join(np.array([rate * x[1], 0.0 * x[1]]),
                       np.full(grid.nodes.size, rate / form.material.law.mu_s),
                       np.ones(grid.corners.size))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
+from pgran.kinematics import PLANE
 from pgran.solve.controller import SAFETY, StepController
 from pgran.solve.state import NOISE, ErrorEstimate, State, TimeStep
 from pgran.solve.tolerances import SHARE, Tolerances
@@ -21,12 +22,12 @@ def form_of_one_node(response=0.0):
 
     grid = SimpleNamespace(comm=PETSc.COMM_SELF, nodes=SimpleNamespace(owned=np.array([0])),
                            n_local=2, split=lambda local: (local.reshape(2, 1), None, None),
-                           gradient=lambda velocity, x: np.zeros((2, 2, 1, 1)))
+                           gradient=lambda velocity, x: (np.zeros((2, 2, 1, 1)), None))
     case = SimpleNamespace(moving=True, base_gradient=np.zeros((2, 2)),
                            reference=lambda x: (np.array([[0.0], [REFERENCE]]), None, None))
     material = SimpleNamespace(elastic_compliance=lambda dt: 1.0, yield_stress=1.0)
     return SimpleNamespace(grid=grid, case=case, material=material, increment=increment,
-                           response=response)
+                           response=response, kinematics=PLANE)
 
 
 def followed(dt, end, form=None):

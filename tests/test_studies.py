@@ -171,8 +171,8 @@ def test_interpolation_to_a_finer_mesh_is_exact_for_quadratic_fields(tmp_path):
             group[name] = value
     form = discretised(width=8, height=16, element_size=1, imperfection=1)
     state, nodes, corners = transfer.interpolated(form, path, 0), form.grid.nodes, form.grid.corners
-    expected = {**fields(nodes.i / 2.0, nodes.j / 2.0),
-                "pressure": fields(1.0 * corners.i, 1.0 * corners.j)["pressure"]}
+    expected = {**fields(*(nodes.index / 2.0)),
+                "pressure": fields(*(1.0 * corners.index))["pressure"]}
     for name, found in zip(("coordinates", "velocity", "fluidity", "pressure"),
                            (state.x, *form.grid.split(state.local))):
         np.testing.assert_allclose(found.T, expected[name], rtol=1e-12, atol=1e-12)

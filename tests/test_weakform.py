@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from pgran.cases import Case, PureShear, pressure, traction
-from pgran.space.element import SHAPE
+from pgran.space.element import element
 from pgran.space.grid import Grid
 from pgran.space.points import secant
 from pgran.space.weakform import WeakForm
@@ -24,14 +24,14 @@ REGIMES = {"flowing": (1.0, 1.0), "frozen": (0.2, 1.0), "loading": (0.1, 0.0)}
 
 def distorted(form, amount=0.1):
     """Coordinates of a non-periodic case with all nodes moved smoothly."""
-    x = form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    x = form.case.coordinates(*form.grid.nodes.index)
     return x + amount * np.array([np.sin(x[0] + 2.0 * x[1]), np.cos(2.0 * x[0] - x[1])])
 
 
 def state(form, regime):
     """Coordinates and unknowns of perturbed homogeneous flow."""
     grid, case = form.grid, form.case
-    x = case.coordinates(grid.nodes.i, grid.nodes.j) if case.periodic[0] else distorted(form)
+    x = case.coordinates(*grid.nodes.index) if case.periodic[0] else distorted(form)
     rate, fluidity = REGIMES[regime]
     mean = grid.join(rate * case.reference(x)[0], fluidity * case.fluidity, case.pressure)
     return x, mean + grid.join(0.01, 0.1 * fluidity * case.fluidity, 0.1) * noise(grid, 1)
@@ -99,7 +99,7 @@ def test_the_storage_term_is_the_integral_of_the_rate_times_the_relaxation_time(
     x, local = state(form, "flowing")
     step, rate = at_rest(form, x, 0.2), grid.join(0.0, 1.0 + x[0], 0.0)
     stored, without = (form.residual(local, factor * rate, step) for factor in (1.0, 0.0))
-    integral = (step.geometry.weight * (1.0 + SHAPE @ x[0][grid.element_nodes]))[
+    integral = (step.geometry.weight * (1.0 + element(2).shape @ x[0][grid.element_nodes]))[
         :, grid.elements.owned].sum()
     assert COMM.allreduce((stored - without).sum()) == pytest.approx(
         3.0 * COMM.allreduce(integral), rel=1e-12)
@@ -158,7 +158,7 @@ def test_loads_have_their_sign_and_size(options, case, area):
     if case:
         form = WeakForm(form.grid, case(form.case.parameters))
     grid = form.grid
-    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    x = form.case.coordinates(*grid.nodes.index)
     local = grid.join(0.0, 1.0, 0.0)
     # Sums over all nodes; the pressures on the faces of the specimen cancel each other.
     rows = form.forces(local, np.zeros(grid.n_local), at_rest(form, x, 0.0))
@@ -170,7 +170,7 @@ def test_loads_have_their_sign_and_size(options, case, area):
     *(("biaxial", model, law) for model, law in MODELS),
     *(("periodic", model, "jop") for model in ("ngf", "ngf_primitive", "li"))])
 def test_vectorised_residuals_and_jacobians_agree_with_loops(monkeypatch, case, model, law):
-    monkeypatch.setattr("pgran.space.weakform.BATCH", 5)  # several batches, the last one short
+    monkeypatch.setattr("pgran.space.weakform.BATCH", {2: 5})  # several batches, the last one short
     form = discretised(case=case, model=model, law=law, inertial_number=0.1, **SHAPES[case],
                        **LAWS[law])
     x, local = state(form, "flowing")
@@ -193,7 +193,7 @@ def test_vectorised_residuals_and_jacobians_agree_with_loops(monkeypatch, case, 
 def test_homogeneous_flow_is_exact_on_a_distorted_mesh(model, law):
     form = discretised(model=model, law=law, imperfection=1.0, width=4, height=6, element_size=1)
     grid = form.grid
-    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
+    x = form.case.coordinates(*grid.nodes.index)
     bump = np.sin(np.pi * x[0] / 4.0) * np.sin(np.pi * x[1] / 6.0)
     x = x + 0.2 * bump * np.array([np.cos(3.0 * x[1]), np.sin(2.0 * x[0])])
     exact = grid.join(np.array([x[0], -x[1]]) / 2.0, form.case.fluidity, form.case.pressure)
@@ -280,7 +280,8 @@ def manufactured_fields(material, model, law, theta):
 def errors(form, local, step, fields):
     """L2 errors of v1, v2, g and P."""
     def squares(p):
-        found = {"v1": p.velocity[0], "v2": p.velocity[1], "g": SHAPE @ p.nodal_g, "P": p.P}
+        found = {"v1": p.velocity[0], "v2": p.velocity[1], "g": p.element.shape @ p.nodal_g,
+                 "P": p.P}
         return np.array([(values - fields[name](*p.x))**2 for name, values in found.items()])
 
     values = step.geometry.weight * form.collect(local, step, squares)
@@ -298,8 +299,8 @@ def test_the_order_of_convergence_is_3_in_v_and_g_and_2_in_p(law, theta, model):
         case.shape = elements, elements
         grid = Grid(PETSc.COMM_WORLD, case.shape)
         form = WeakForm(grid, case)
-        x = case.coordinates(grid.nodes.i, grid.nodes.j)
-        corners = case.coordinates(2 * grid.corners.i, 2 * grid.corners.j)
+        x = case.coordinates(*grid.nodes.index)
+        corners = case.coordinates(*(2 * grid.corners.index))
         exact = grid.join([fields["v1"](*x), fields["v2"](*x)], fields["g"](*x),
                           fields["P"](*corners))
         step = at_rest(form, x, theta)

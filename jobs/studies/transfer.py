@@ -10,7 +10,7 @@ from pgran.options import OptionError, command_option
 from pgran.output.reader import ResultError
 from pgran.output.result import Result
 from pgran.solve.state import State
-from pgran.space.element import SHAPE, linear, quadratic
+from pgran.space.element import linear, quadratic
 
 #: Options of commands that start from a snapshot.
 SNAPSHOT = (
@@ -66,7 +66,7 @@ def interpolated(form, path, number):
     def at(values, lattice, factor, nodal):
         first, second = (
             along(n, m, factor * np.arange(index.min(), index.max() + 1), nodal)
-            for n, m, index in zip(grid.shape, coarse, (lattice.i, lattice.j)))
+            for n, m, index in zip(grid.shape, coarse, lattice.index))
         values = values.reshape(values.shape[:2] + (-1,))
         return np.einsum("ja,abc,ib->cji", second, values, first, optimize=True).reshape(
             values.shape[2], -1)
@@ -77,4 +77,4 @@ def interpolated(form, path, number):
         for name in ("coordinates", "velocity", "deviator", "fluidity"))
     fluidity = np.maximum(fluidity[0], fields["fluidity"].min())
     return State(time, x, grid.join(velocity, fluidity, pressure),
-                 SHAPE @ deviator[:, grid.element_nodes])
+                 form.kinematics.mandel(form.element.shape @ deviator[:, grid.element_nodes]))

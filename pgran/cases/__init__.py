@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from .. import options
+from ..kinematics import PLANE
 from ..material import LAWS, MODELS, Material
 from ..options import BOTH, Option, ParameterError, positive
 
@@ -33,7 +34,7 @@ def pressure(value):
 
 def traction(vector):
     """Return a traction (2,) of fixed direction and size, for `Case.tractions`."""
-    return lambda x, area: np.multiply.outer(vector, np.hypot(*area))
+    return lambda x, area: np.multiply.outer(vector, np.linalg.norm(area, axis=0))
 
 
 class Case(ABC):
@@ -58,15 +59,15 @@ class Case(ABC):
     max_coarse_size = 17.0
     #: Largest number of elements of the coarsest level, which has priority over this size.
     max_coarse_elements = 300
-    #: Velocity gradient (2, 2) that is added to the gradient of the nodal velocity, gdot0.
-    base_gradient = np.zeros((2, 2))
+    #: The `pgran.kinematics.Kinematics` of the flow.
+    kinematics = PLANE
     #: Pressure of the reference flow, stress.
     pressure = 1.0
     #: Name of the stress unit, and its value in Pa or None.
     stress_unit, stress_scale = "stress", None
     #: Arguments of `pgran.theory.specimen.growth_rate`, or None if it does not apply.
     specimen = None
-    #: Weight per volume (2,), stress/d.
+    #: Weight per volume (c,), stress/d.
     weight = 0.0, 0.0
     #: Source (...) of the fluidity equation as a function of points (2, ...), or None.
     fluidity_source = None
@@ -138,6 +139,11 @@ class Case(ABC):
             found["scale_time"] = d * np.sqrt(density / self.stress_scale) / self.inertial_time
         return {name: value for name, value in found.items() if value}
 
+    @property
+    def base_gradient(self):
+        """Velocity gradient (c, dim) that is added to the gradient of the nodal velocity, gdot0."""
+        return np.zeros((self.kinematics.velocities, self.kinematics.dim))
+
     # Mesh
 
     @property
@@ -154,7 +160,8 @@ class Case(ABC):
         """Number of unknowns: velocity and fluidity at Q2 nodes, pressure at corners."""
         shape, more = np.array(self.shape, dtype=float), 1 - np.array(self.periodic)
         nodes, corners = ((degree * shape + more).prod() for degree in (2, 1))
-        return int(nodes * (2 + self.material.model.has_fluidity) + corners)
+        fields = self.kinematics.velocities + self.material.model.has_fluidity
+        return int(nodes * fields + corners)
 
     @property
     def closed(self):
@@ -183,17 +190,17 @@ class Case(ABC):
 
     # Conditions
 
-    def prescribed_velocity(self, time, i, j):
-        """Return prescribed nodal velocities (2, n), d gdot0; NaN where free."""
-        return np.full((2, i.size), np.nan)
+    def prescribed_velocity(self, time, *index):
+        """Return prescribed nodal velocities (c, n), d gdot0; NaN where free."""
+        return np.full((self.kinematics.velocities, index[0].size), np.nan)
 
-    def prescribed_fluidity(self, time, i, j):
+    def prescribed_fluidity(self, time, *index):
         """Return prescribed nodal fluidities (n,), gdot0; NaN where free."""
-        return np.full(i.size, np.nan)
+        return np.full(index[0].size, np.nan)
 
-    def prescribed_pressure(self, time, i, j):
+    def prescribed_pressure(self, time, *index):
         """Return prescribed corner pressures (n,), stress; NaN where free."""
-        return np.full(i.size, np.nan)
+        return np.full(index[0].size, np.nan)
 
     def tractions(self, time):
         """Return the loads on sides (left, right, bottom and top), {side: traction}.
@@ -205,19 +212,21 @@ class Case(ABC):
 
     @property
     def body_force(self):
-        """A function that returns b (2, ...) of (2.2), stress/d, at points (2, ...), or None."""
-        force = np.add(self.parameters.body_force, self.weight)
+        """A function that returns b (c, ...) of (2.2), stress/d, at points (dim, ...), or None."""
+        force = np.zeros(self.kinematics.velocities)
+        for part in self.parameters.body_force, self.weight:
+            force[:len(part)] += part
         if not force.any():
             return None
-        return lambda x: np.reshape(force, (2,) + (1,) * (x.ndim - 1))
+        return lambda x: np.reshape(force, (-1,) + (1,) * (x.ndim - 1))
 
-    def nodes_outside(self, time, x, i, j):
-        """Return which nodes at ``x`` (2, n) have left the domain, and how, or None."""
+    def nodes_outside(self, time, x, *index):
+        """Return which nodes at ``x`` (dim, n) have left the domain, and how, or None."""
         return None
 
-    def yield_factor(self, i, j):
+    def yield_factor(self, *index):
         """Return mu_s of elements over its nominal value, (n,)."""
-        return np.ones(i.size)
+        return np.ones(index[0].size)
 
     # Start
 
@@ -233,7 +242,8 @@ class Case(ABC):
         and the base of the deviations in step-size control.
         """
         n = x.shape[1]
-        return np.zeros_like(x), np.full(n, self.fluidity), np.full(n, self.pressure)
+        return (np.zeros((self.kinematics.velocities, n)), np.full(n, self.fluidity),
+                np.full(n, self.pressure))
 
     # End and observables
 

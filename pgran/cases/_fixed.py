@@ -59,35 +59,6 @@ class FixedMesh(Case):
         velocity, fluidity, pressure = super().start(x)
         return velocity * (self.parameters.start == "flow"), fluidity, pressure
 
-    @abstractmethod
-    def profile(self):
-        """Return the `pgran.theory.profiles.Profile` of the steady flow."""
-
-    @property
-    def rheology(self):
-        """Law, model, A and I0, the first arguments of `pgran.theory.profiles`."""
-        p = self.parameters
-        return self.law, self.material.model.theory, p.A, p.inertial_number
-
-    @abstractmethod
-    def along(self, x):
-        """Return the profile coordinate (...) of points (2, ...) and unit vectors (2, ...).
-
-        The first vector points along the flow, the second one along the profile.
-        """
-
-    def steady(self, profile, x):
-        """Return velocity (2, ...), fluidity, pressure and deviator (3, ...) of a profile.
-
-        The deviator is a shear stress of size mu P between the two directions of `along`.
-        """
-        position, (e1, e2), (n1, n2) = self.along(x)
-        P = profile.pressure(position)
-        # Where mu > 0 the velocity increases along the profile, but decreases in a ring.
-        shear = (-1.0 if profile.flow.ring else 1.0) * profile.stress_ratio(position) * P
-        return (profile.velocity(position) * np.array([e1, e2]), profile.fluidity(position), P,
-                shear * np.array([2.0 * e1 * n1, 2.0 * e2 * n2, e1 * n2 + e2 * n1]))
-
     @property
     def walls_of_local_fluidity(self):
         return self.walls if self.parameters.wall_fluidity == "local" else ()
@@ -127,7 +98,40 @@ class FixedMesh(Case):
                 "another @law")
 
 
-class Layer(FixedMesh):
+class Unidirectional(FixedMesh):
+    """A flow that varies along one coordinate, with a `pgran.theory.profiles.Profile`."""
+
+    @abstractmethod
+    def profile(self):
+        """Return the `pgran.theory.profiles.Profile` of the steady flow."""
+
+    @property
+    def rheology(self):
+        """Law, model, A and I0, the first arguments of `pgran.theory.profiles`."""
+        p = self.parameters
+        return self.law, self.material.model.theory, p.A, p.inertial_number
+
+    @abstractmethod
+    def along(self, x):
+        """Return the profile coordinate (...) of points (2, ...) and unit vectors (2, ...).
+
+        The first vector points along the flow, the second one along the profile.
+        """
+
+    def steady(self, profile, x):
+        """Return velocity (2, ...), fluidity, pressure and deviator (3, ...) of a profile.
+
+        The deviator is a shear stress of size mu P between the two directions of `along`.
+        """
+        position, (e1, e2), (n1, n2) = self.along(x)
+        P = profile.pressure(position)
+        # Where mu > 0 the velocity increases along the profile, but decreases in a ring.
+        shear = (-1.0 if profile.flow.ring else 1.0) * profile.stress_ratio(position) * P
+        return (profile.velocity(position) * np.array([e1, e2]), profile.fluidity(position), P,
+                shear * np.array([2.0 * e1 * n1, 2.0 * e2 * n2, e1 * n2 + e2 * n1]))
+
+
+class Layer(Unidirectional):
     """A layer 0 <= x2 <= H on a base without motion, periodic along x1."""
 
     periodic = True, False

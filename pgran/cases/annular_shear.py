@@ -15,7 +15,7 @@ from ..theory import profiles
 from . import ROUNDING, _fixed
 
 
-class AnnularShear(_fixed.FixedMesh):
+class AnnularShear(_fixed.Unidirectional):
     """A ring between a rotating and a fixed cylinder."""
 
     options = (

@@ -13,7 +13,7 @@ from ..theory import profiles
 from . import _fixed, pressure
 
 
-class VerticalChute(_fixed.FixedMesh):
+class VerticalChute(_fixed.Unidirectional):
     """Material that falls between two walls."""
 
     options = (

@@ -1,24 +1,13 @@
-"""Stiff Maxwell element and strain; symmetric tensors (3, ...) have components 11, 22 and 12."""
+"""Time integration of the stiff Maxwell element, and strain measures; numpy only."""
 
 import numpy as np
-
-#: Number of components of a plane symmetric tensor.
-COMPONENTS = 3
-
-
-def rotate(stress, angle):
-    """Return a stress deviator (3, ...), rotated counterclockwise by an angle (...) in rad."""
-    mean, half = (stress[0] + stress[1]) / 2.0, (stress[0] - stress[1]) / 2.0
-    cos, sin = np.cos(2.0 * angle), np.sin(2.0 * angle)
-    rotated = half * cos - stress[2] * sin
-    return np.array([mean + rotated, mean - rotated, half * sin + stress[2] * cos])
 
 
 def stress_rate(dt, stress, previous_dt=None, previous=None):
     """Return the factor f and the stress S of d(sigma')/dt = f (sigma' - S)/dt.
 
     The scheme is BDF2 with variable steps, and backward Euler in the first step. ``stress`` and
-    ``previous`` are the deviators (3, ...) one and two steps ago, rotated with the material.
+    ``previous`` are the deviators (m, ...) one and two steps ago, rotated with the material.
     """
     if previous_dt is None:
         return 1.0, stress
@@ -27,32 +16,27 @@ def stress_rate(dt, stress, previous_dt=None, previous=None):
     return factor, ((1.0 + ratio) * stress - ratio**2 / (1.0 + ratio) * previous) / factor
 
 
-def strain_fields(velocity_gradient, deformation_gradient=None):
-    """Return strain rate sym L (3, ...), spin (L21 - L12)/2, strain and det F - 1, {name: ndarray}.
+def strain_fields(kinematics, rates, stretches=None):
+    """Return strain rate (m, ...), spin, strain (m, ...) and det F - 1, {name: ndarray}.
 
-    L_ij = d v_i/d x_j and F_ij = d x_i/d X_j, since the start, have the shape (2, 2, ...).
+    ``rates`` are d v_c/d x_k and v_c/r, and ``stretches`` d x_c/d X_k and x_c/R since the start, as
+    from `pgran.space.grid.Grid.gradient`. Tensors have tensor components. The spin has one value
+    (...) if only two directions turn, and one per pair otherwise.
     """
-    (l11, l12), (l21, l22) = velocity_gradient
-    found = {"strain_rate_tensor": np.array([l11, l22, (l12 + l21) / 2.0]),
-             "spin": (l21 - l12) / 2.0}
-    if deformation_gradient is not None:
-        (f11, f12), (f21, f22) = deformation_gradient
-        found["strain_tensor"] = logarithmic_strain(deformation_gradient)
-        found["volume_change"] = f11 * f22 - f12 * f21 - 1.0
+    spin = kinematics.spin(*rates)
+    found = {"strain_rate_tensor": kinematics.tensor(kinematics.strain_rate(*rates)),
+             "spin": spin if len(spin) > 1 else spin[0]}
+    if stretches is not None:
+        F = kinematics.deformation_gradient(*stretches)
+        found["strain_tensor"] = kinematics.tensor(kinematics.of_matrix(logarithmic_strain(F)))
+        found["volume_change"] = np.linalg.det(np.moveaxis(F, (0, 1), (-2, -1))) - 1.0
     return found
 
 
-def logarithmic_strain(gradient):
-    """Return Hencky's strain ln V (3, ...) of a deformation gradient F = V R, (2, 2, ...).
+def logarithmic_strain(F):
+    """Return Hencky's strain ln V = ln(F F^T)/2 of deformation gradients F = V R, (d, d, ...)."""
+    b = np.moveaxis(np.einsum("ik...,jk...->ij...", F, F), (0, 1), (-2, -1))
+    squares, axes = np.linalg.eigh(b)
+    strain = (axes * (0.5 * np.log(squares))[..., None, :]) @ axes.swapaxes(-2, -1)
+    return np.moveaxis(strain, (-2, -1), (0, 1))
 
-    With b = F F^T, m = tr b/2 and half the difference r of the principal values of b,
-    ln V = ln(m^2 - r^2)/4 1 + atanh(r/m)/(2 r) (b - m 1). det F must be positive.
-    """
-    (f11, f12), (f21, f22) = gradient
-    b11, b22, b12 = f11**2 + f12**2, f21**2 + f22**2, f11 * f21 + f12 * f22
-    mean, half = (b11 + b22) / 2.0, (b11 - b22) / 2.0
-    ratio = np.hypot(half, b12) / mean
-    safe = np.where(ratio > 0.0, ratio, 0.5)
-    slope = np.where(ratio > 0.0, np.arctanh(safe) / safe, 1.0) / (2.0 * mean)
-    volume = np.log(f11 * f22 - f12 * f21) / 2.0
-    return np.array([volume + slope * half, volume - slope * half, slope * b12])

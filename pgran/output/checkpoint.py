@@ -110,7 +110,7 @@ def read_arrays(file, grid, like):
             data, shape = file.get(f"{kind}/{name}"), lattice.shape[::-1] + values.shape[:-1]
             if not isinstance(data, h5py.Dataset) or data.dtype.kind != "f" or data.shape != shape:
                 raise ValueError(f"{name} is not an array of {' x '.join(map(str, shape))} numbers")
-            found = arrays[kind][name] = files.local_part(data, lattice.i, lattice.j)
+            found = arrays[kind][name] = files.local_part(data, lattice.index)
             if not np.isfinite(found).all():
                 raise ValueError(f"{name} contains NaN or infinite values")
     return arrays

@@ -251,20 +251,23 @@ def write_blocks(comm, file, data):
 
 def blocks_of(lattice, fields, group=""):
     """Yield the data of `write_blocks` for ``fields``, {name: (..., n_local)}, on a lattice."""
-    block = slice(lattice.j0, lattice.j1), slice(lattice.i0, lattice.i1)
-    shape = lattice.j1 - lattice.j0, lattice.i1 - lattice.i0
+    block = tuple(slice(*span) for span in lattice.ranges[::-1])
+    shape = tuple(stop - start for start, stop in lattice.ranges[::-1])
+    dim = len(block)
     for name, values in fields.items():
         yield f"{group}{name}", block, np.moveaxis(
-            values[..., lattice.owned].reshape(values.shape[:-1] + shape), (-2, -1), (0, 1))
+            values[..., lattice.owned].reshape(values.shape[:-1] + shape),
+            range(-dim, 0), range(dim))
 
 
-def local_part(data, i, j):
-    """Return the values (..., n) of a dataset (nj, ni, ...) at global indices ``i``, ``j`` (n,).
+def local_part(data, index):
+    """Return the values (..., n) of a dataset (n_2, n_1, ...) at global indices (dim, n).
 
-    The indices fill a rectangle, ``i`` fastest. On a periodic grid they may exceed its ends.
+    The indices fill a box, the first one fastest. On a periodic grid they may exceed its ends.
     """
-    nj, ni = data.shape[:2]
-    rows, columns = (np.arange(index.min(), index.max() + 1) % n for index, n in ((j, nj), (i, ni)))
-    slab = data[rows.min():rows.max() + 1, columns.min():columns.max() + 1]
-    values = slab[np.ix_(rows - rows.min(), columns - columns.min())]
-    return np.moveaxis(values, (0, 1), (-2, -1)).reshape(data.shape[2:] + (-1,))
+    dim = len(index)
+    parts = [np.arange(along.min(), along.max() + 1) % n
+             for along, n in zip(index[::-1], data.shape)]
+    slab = tuple(slice(part.min(), part.max() + 1) for part in parts)
+    values = data[slab][np.ix_(*(part - part.min() for part in parts))]
+    return np.moveaxis(values, range(dim), range(-dim, 0)).reshape(data.shape[dim:] + (-1,))

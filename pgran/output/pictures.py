@@ -94,12 +94,13 @@ def draw(axes, snapshot, name, norm, style):
         axes.plot(*edge.T, color="0.4", linewidth=0.8, linestyle="--")
     if style.arrows:
         step = max(1, max(x.shape[:2]) // 24)  # 24 arrows along the longer side
-        (x1, x2), (v1, v2) = (np.moveaxis(field[::step, ::step], -1, 0)
+        (x1, x2), (v1, v2) = (np.moveaxis(field[::step, ::step, :2], -1, 0)
                               for field in (x, extended.stored("velocity")))
         axes.quiver(x1, x2, v1, v2, color="white", edgecolor="black", linewidth=0.3, width=0.004)
     if style.band:
         band_line(axes, snapshot)
-    axes.set(aspect="equal", xlabel="$x_1$ (d)", ylabel="$x_2$ (d)")
+    across, up = snapshot.kinematics.axes
+    axes.set(aspect="equal", xlabel=f"${across}$ (d)", ylabel=f"${up}$ (d)")
     axes.set_title(snapshot.label, fontsize=10)
     return drawn
 

@@ -7,16 +7,12 @@ import h5py
 import numpy as np
 
 from .. import cases
-from ..material.elasticity import COMPONENTS
 from ..options import PREFIX, OptionError, ParameterError, plain, written
-from ..space.element import DIM
 from .files import error_text
 from .snapshots import linked, problem_of
 
 #: Version of the layout of result files, and the oldest one that is read, of release 0.2.
 FORMAT, OLDEST = 4, 3
-#: Shape of the components of fields that have any.
-FIELDS = {"coordinates": (DIM,), "velocity": (DIM,), "deviator": (COMPONENTS,)}
 #: Options of a result that are not used by a run that starts from it.
 NOT_TAKEN = "restart", "restart_snapshot", "output", "progress"
 
@@ -69,11 +65,12 @@ def _check(path, file, snapshots, only):
         check(not problem, f"snapshot {name}: {problem}")
         group = groups[name]
         x = group.get("coordinates") if isinstance(group, h5py.Group) else None
-        check(isinstance(x, h5py.Dataset) and x.ndim == 3 and x.shape[2] == DIM,
-              f"snapshot {name} has no coordinates (ny, nx, {DIM})")
+        dim = x.ndim - 1 if isinstance(x, h5py.Dataset) else 0
+        check(dim in (2, 3) and x.shape[dim] == dim,
+              f"snapshot {name} has no coordinates (ny, nx, 2)")
         for key, data in group.items():
             check(isinstance(data, h5py.Dataset) and data.dtype.kind == "f"
-                  and data.shape[:2] == x.shape[:2],
+                  and data.shape[:dim] == x.shape[:dim],
                   f"{key} of snapshot {name} is not a field of numbers on its nodes")
 
 

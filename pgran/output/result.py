@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import cases
+from ..kinematics import SOLID, SWIRL
 from ..material.elasticity import strain_fields
 from ..options import PREFIX, ParameterError
-from ..space.element import GAUSS_TO_NODES, NODES, Geometry
+from ..space.element import Geometry, element
 from . import band
 from .connectivity import QUADRATIC, q2_elements
 from .reader import ResultError, field_of, opened, stored_parameters
@@ -38,9 +39,38 @@ def _stored(name, component=slice(None)):
     return lambda snapshot: snapshot.stored(name)[..., component]
 
 
-def _stress(component, pressure):
-    return lambda snapshot: (snapshot.stored("deviator")[..., component]
-                             - pressure * snapshot.stored("pressure"))
+def _velocity(component):
+    def of(snapshot):
+        velocity = snapshot.stored("velocity")
+        if component >= velocity.shape[-1]:
+            raise ResultError(snapshot.result.path, f"its velocity has {velocity.shape[-1]} "
+                              f"components; velocity_{component + 1} is undefined")
+        return velocity[..., component]
+
+    return of
+
+
+def _angular_velocity(snapshot):
+    if snapshot.kinematics is not SWIRL:
+        raise ResultError(snapshot.result.path, "its flow does not turn about an axis; "
+                          "angular_velocity is undefined")
+    r, v = snapshot.x[..., 0], snapshot.stored("velocity")[..., 2]
+    w = np.divide(v, r, out=np.zeros_like(v), where=r > 0.0)
+    # On the axis the limit of an even function.
+    return np.where(r > 0.0, w, (4.0 * w[:, 1:2] - w[:, 2:3]) / 3.0)
+
+
+def _stress(label):
+    def of(snapshot):
+        labels = snapshot.kinematics.labels
+        if label not in labels:
+            raise ResultError(snapshot.result.path, f"its stress has the components "
+                              f"{', '.join(labels)}; stress_{label} is undefined")
+        m = labels.index(label)
+        return (snapshot.stored("deviator")[..., m]
+                - snapshot.kinematics.diagonal[m] * snapshot.stored("pressure"))
+
+    return of
 
 
 def _strain(name):
@@ -48,13 +78,14 @@ def _strain(name):
 
 
 def _strain_rate(snapshot):
-    d11, d22, d12 = np.moveaxis(snapshot.strain_field("strain_rate_tensor"), -1, 0)
-    return np.sqrt(2.0 * (d11**2 + d22**2) + 4.0 * d12**2)
+    rate = np.moveaxis(snapshot.strain_field("strain_rate_tensor"), -1, 0)
+    return np.sqrt(2.0 * (snapshot.kinematics.mandel(rate)**2).sum(axis=0))
 
 
 def _shear_strain(snapshot):
-    h11, h22, h12 = np.moveaxis(snapshot.strain_field("strain_tensor"), -1, 0)
-    return np.hypot(h11 - h22, 2.0 * h12)
+    kinematics, strain = snapshot.kinematics, snapshot.strain_field("strain_tensor")
+    matrix = kinematics.matrix(kinematics.mandel(np.moveaxis(strain, -1, 0)))
+    return np.ptp(np.linalg.eigvalsh(np.moveaxis(matrix, (0, 1), (-2, -1))), axis=-1)
 
 
 def _above_yield(snapshot):
@@ -73,17 +104,17 @@ QUANTITIES = {name: DerivedField(*entry) for name, entry in {
     "stress_ratio": (r"\mu", "", "stress ratio tau/P", _stored("stress_ratio")),
     "above_yield": (r"\mu - \mu_s", "", "distance to yield", _above_yield),
     "speed": ("|v|", "d gdot0", "size of the velocity",
-              lambda snapshot: np.hypot(*np.moveaxis(snapshot.stored("velocity"), -1, 0))),
-    "velocity_1": ("v_1", "d gdot0", "velocity along x1", _stored("velocity", 0)),
-    "velocity_2": ("v_2", "d gdot0", "velocity along x2", _stored("velocity", 1)),
+              lambda snapshot: np.linalg.norm(snapshot.stored("velocity"), axis=-1)),
+    **{f"velocity_{c + 1}": (f"v_{c + 1}", "d gdot0", f"velocity along x{c + 1}", _velocity(c))
+       for c in range(3)},
+    "angular_velocity": (r"\omega_z", "gdot0", "angular velocity v_t/r", _angular_velocity),
     "strain_rate": (r"\dot\gamma", "gdot0", "equivalent shear rate sqrt(2 D:D)", _strain_rate),
     "spin": (r"\omega", "gdot0", "spin (d v2/d x1 - d v1/d x2)/2", _strain("spin")),
     "strain": (r"\gamma", "", "equivalent shear strain since the start, ln(l1/l2) of the "
                "principal stretches", _shear_strain),
     "volume_change": ("J - 1", "", "change of volume since the start", _strain("volume_change")),
-    "stress_11": (r"\sigma_{11}", "stress", "stress, tension positive", _stress(0, 1.0)),
-    "stress_22": (r"\sigma_{22}", "stress", "stress, tension positive", _stress(1, 1.0)),
-    "stress_12": (r"\sigma_{12}", "stress", "stress, tension positive", _stress(2, 0.0)),
+    **{f"stress_{label}": (rf"\sigma_{{{label}}}", "stress", "stress, tension positive",
+                           _stress(label)) for label in (*SOLID.labels, *SWIRL.labels)},
 }.items()}
 
 
@@ -219,6 +250,11 @@ class Snapshot:
         return str(self.attributes.get("label", ""))
 
     @property
+    def kinematics(self):
+        """The `pgran.kinematics.Kinematics` of the flow."""
+        return self.result.case.kinematics
+
+    @property
     def x(self):
         """Coordinates of the nodes, (ny, nx, 2), d."""
         return self.stored("coordinates")
@@ -284,7 +320,7 @@ class Snapshot:
         x, velocity, since_start = self.whole.x, self.whole.stored("velocity"), None
         if name in ("strain_tensor", "volume_change"):
             since_start = self._gradient(x, self.initial_coordinates)
-        values = strain_fields(self._gradient(velocity, x), since_start)[name]
+        values = strain_fields(self.kinematics, self._gradient(velocity, x), since_start)[name]
         found = self._at_nodes(values)
         return found if values.ndim == 2 else np.moveaxis(found, 0, -1)
 
@@ -305,15 +341,16 @@ class Snapshot:
         if min(shape) < 3 or not all(n % 2 for n in shape):
             raise ResultError(self.result.path, f"its {shape[1]} x {shape[0]} nodes do not form "
                               "elements: the file lacks the period of its grid")
-        order = sorted(range(NODES), key=QUADRATIC.__getitem__)
+        order = sorted(range(len(QUADRATIC)), key=QUADRATIC.__getitem__)
         return np.array(q2_elements(shape)[:, order].T)
 
     def _gradient(self, values, x):
-        """Gradient (2, 2, points, n) of fields (ny, nx, 2) on ``x``, with the repeated nodes."""
-        values, x = (np.moveaxis(field, -1, 0).reshape(2, -1)[:, self._elements]
+        """Gradient (c, 2, points, n) and v/r of fields (ny, nx, c), with the repeated nodes."""
+        values, x = (np.moveaxis(field, -1, 0).reshape(field.shape[-1], -1)[:, self._elements]
                      for field in (values, x))
-        geometry = Geometry(x)
-        return np.array([geometry.gradient(part) for part in values])
+        geometry = Geometry(x, axisymmetric=self.kinematics.axisymmetric)
+        over_r = None if geometry.over_r is None else element(2).shape @ values * geometry.over_r
+        return np.array([geometry.gradient(part) for part in values]), over_r
 
     def _at_nodes(self, values):
         """Means over elements (..., ny, nx) of values at the Gauss points, (..., points, n)."""
@@ -321,7 +358,7 @@ class Snapshot:
         j, i = np.divmod(self._elements, self.whole.x.shape[1])
         nodes = (j % ny * nx + i % nx).ravel()
         count = np.bincount(nodes, minlength=ny * nx)
-        found = [np.bincount(nodes, (GAUSS_TO_NODES @ part).ravel(), ny * nx) / count
+        found = [np.bincount(nodes, (element(2).gauss_to_nodes @ part).ravel(), ny * nx) / count
                  for part in values.reshape(-1, *values.shape[-2:])]
         return np.reshape(found, (*values.shape[:-2], ny, nx))
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..options import ParameterError
 from .files import collectively, local_part
-from .reader import FIELDS, ResultError, opened, stored_parameters
+from .reader import ResultError, opened, stored_parameters
 from .snapshots import ordered
 
 #: Prefix of the fields of the base flow of a mode.
@@ -45,7 +45,8 @@ def read_mode(parameters, form):
 
 
 def _read_fields(parameters, start, number, form, names, optional=()):
-    path, lattice = getattr(parameters, start), form.grid.nodes
+    path, lattice, dim = getattr(parameters, start), form.grid.nodes, form.grid.dim
+    sizes = form.kinematics.sizes()
 
     def refuse(reason):
         raise ParameterError(start, path, reason)
@@ -59,14 +60,15 @@ def _read_fields(parameters, start, number, form, names, optional=()):
         group = file["snapshots"][found[number]]
         wanted = (*names, *(name for name in optional if name in group))
         for name in wanted:
-            size = FIELDS.get(name.removeprefix(BASE), ())
+            size = sizes.get(name.removeprefix(BASE), ())
             data = group.get(name)
-            if not isinstance(data, h5py.Dataset) or data.shape[2:] != size:
-                refuse(f"snapshot {found[number]} has no field {name} of {len(size) + 2} "
+            if not isinstance(data, h5py.Dataset) or data.shape[dim:] != size:
+                refuse(f"snapshot {found[number]} has no field {name} of {len(size) + dim} "
                        "dimensions")
-            if data.shape[:2] != lattice.shape[::-1]:
-                refuse(f"its {data.shape[1]} x {data.shape[0]} nodes are not the "
-                       f"{lattice.shape[0]} x {lattice.shape[1]} of this grid")
+            if data.shape[:dim] != lattice.shape[::-1]:
+                here, there = (" x ".join(map(str, shape)) for shape in (
+                    lattice.shape, data.shape[dim - 1::-1]))
+                refuse(f"its {there} nodes are not the {here} of this grid")
         stored = stored_parameters(file)
         if start == "mode_file" and stored.restart and not set(optional) <= set(wanted):
             refuse("its mode belongs to a deformed mesh; a run can start from modes of reference "
@@ -75,7 +77,7 @@ def _read_fields(parameters, start, number, form, names, optional=()):
             mine, other = (getattr(of, option.name, None) for of in (parameters, stored))
             if start in option.shared and mine != other:
                 raise ParameterError(option.name, mine, f"{path} was made with {other}")
-        fields = {name: local_part(group[name], lattice.i, lattice.j) for name in wanted}
+        fields = {name: local_part(group[name], lattice.index) for name in wanted}
         for name, values in fields.items():
             if not np.isfinite(values).all():
                 refuse(f"its field {name} contains NaN or infinite values")

@@ -7,8 +7,7 @@ Vectors are padded with zeros to three components, and tensors to nine.
 import h5py
 import numpy as np
 
-from ..material.elasticity import COMPONENTS
-from ..space.element import DIM
+from ..kinematics import AXISYMMETRIC, OUT_OF_PLANE, PLANE, SOLID, TENSORS
 from .connectivity import numbers, q2_elements
 from .snapshots import REPEATED, ordered
 
@@ -16,8 +15,10 @@ from .snapshots import REPEATED, ordered
 VERSION = 2, 0
 #: VTK's number of a biquadratic quadrilateral.
 BIQUADRATIC_QUAD = 28
-#: Components of VTK's tensors, and the components 11, 22 and 12 of a plane symmetric one.
-TENSOR = (0, 0), (1, 2), (3, 2), (4, 1)
+#: Directions of the components of a tensor by their number.
+TENSOR = {len(kind): kind.components for kind in (PLANE, OUT_OF_PLANE, AXISYMMETRIC, SOLID)}
+#: Directions of a vector.
+VECTOR = 3
 #: Groups of ``/VTKHDF`` that link to the snapshots and to their repeated nodes, by 0, 1, ...
 NUMBERED = {"snapshots": "Snapshots", REPEATED: "Repeated"}
 
@@ -70,7 +71,7 @@ def write(file, times, shape, fields, closed=(False, False), ends=(False, False)
     steps["NumberOfParts"] = zeros + 1
     steps["PartOffsets"], steps["PointOffsets"] = zeros, np.arange(count, dtype="i8") * nodes
     steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = zeros[:, None]  # one kind of cells
-    _virtual(root, "Points", "coordinates", (DIM,), count, nodes, parts)
+    _virtual(root, "Points", "coordinates", (2,), count, nodes, parts)
     root.create_group("PointData")
     steps.create_group("PointDataOffsets")
     for name, components in fields.items():
@@ -80,7 +81,7 @@ def write(file, times, shape, fields, closed=(False, False), ends=(False, False)
 
 def open_ends(group, closed):
     """Return along which of x1 and x2 a snapshot (h5py.Group) is periodic but not closed."""
-    period = group["coordinates"].attrs.get("period", np.zeros((DIM, DIM)))
+    period = group["coordinates"].attrs.get("period", np.zeros((2, 2)))
     return tuple(not wrap and bool(np.any(shift)) for wrap, shift in zip(closed, period))
 
 
@@ -90,7 +91,7 @@ def repeat(group, file, target, ends):
     The nodes are in the order of `numbers`.
     """
     for name, data in group.items():
-        along, up = data.attrs.get("period", np.zeros(DIM))
+        along, up = data.attrs.get("period", np.zeros(2))
         parts = []
         if ends[0]:
             parts.append(data[:, 0] + along)
@@ -108,13 +109,15 @@ def _virtual(root, name, field, components, count, nodes, parts):
     One mapping is sufficient, because HDF5 inserts the number of the snapshot into the name of the
     source.
     """
-    width = {(DIM,): (3,), (COMPONENTS,): (9,)}.get(components, components)
+    tensor = TENSOR[components[0]] if field in TENSORS else None
+    width = (VECTOR**2,) if tensor else (VECTOR,) if components == (2,) else components
     size, maximum = (count * nodes, *width), (h5py.h5s.UNLIMITED, *width)
     properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     properties.set_layout(h5py.h5d.VIRTUAL)
     properties.set_fill_value(np.zeros(1))
-    if components == (COMPONENTS,):  # (component of VTK, number of components, own component)
-        columns = [((column,), (1,), own) for column, own in TENSOR]
+    if tensor:  # (component of VTK, number of components, own component)
+        columns = [((column,), (1,), own) for own, (i, j) in enumerate(tensor)
+                   for column in sorted({VECTOR * i + j, VECTOR * j + i})]
     else:
         columns = [((0,) * len(components), components, None)]
     for source, (grid, start) in parts.items():

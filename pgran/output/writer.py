@@ -16,6 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from .. import __version__
+from ..kinematics import TENSORS
 from ..options import PREFIX
 from . import files, snapshots as snapshot_files, vtkhdf, xdmf
 from .checkpoint import NAME, checkpoints_of
@@ -25,19 +26,19 @@ from .reader import FORMAT, opened
 from .snapshots import GROUP, REPEATED
 from .start import BASE
 
-#: Columns of the history of a run in time: energies (stress d^2) and volume (d^2), per unit depth.
+#: Columns of the history of a run in time: energies and volume, in the plane per unit depth.
 BALANCE = "work", "dissipation", "stored_energy", "energy_error", "volume"
 #: All columns of a run in time; a case adds its observables.
 HISTORY = ("time", "step_size", "courant_number", "newton_iterations", "linear_iterations",
            "inertial_number_min", "inertial_number_max", *BALANCE)
 INTEGERS = ("newton_iterations", "linear_iterations")
 #: Units of fields and of columns of the history; "stress" is replaced by the stress unit of the
-#: case, and names that are missing are pure numbers.
+#: case and VOLUME by the unit of volume, and names that are missing are pure numbers.
 UNITS = {"coordinates": "d", "displacement": "d", "velocity": "d gdot0", "speed": "d gdot0",
          "fluidity": "gdot0", "pressure": "stress", "deviator": "stress",
          "stress_tensor": "stress", "strain_rate_tensor": "gdot0", "spin": "gdot0",
-         "time": "1/gdot0", "step_size": "1/gdot0", "work": "stress d^2",
-         "dissipation": "stress d^2", "stored_energy": "stress d^2", "volume": "d^2"}
+         "time": "1/gdot0", "step_size": "1/gdot0", "work": "stress VOLUME",
+         "dissipation": "stress VOLUME", "stored_energy": "stress VOLUME", "volume": "VOLUME"}
 #: Units of root attributes, stored as the attributes NAME_unit.
 ATTRIBUTE_UNITS = {"growth_rate": "gdot0", "steady_residual": "stress d", "begun": "s",
                    "seconds": "s", "memory": "MB", "scale_length": "m", "scale_stress": "Pa",
@@ -196,7 +197,9 @@ class Writer:
     def _unit(self, name):
         units = {**UNITS, **self.case.observables} if isinstance(
             self.case.observables, dict) else UNITS
-        return units.get(name.removeprefix(BASE), "").replace("stress", self.case.stress_unit)
+        unit = units.get(name.removeprefix(BASE), "")
+        return unit.replace("stress", self.case.stress_unit).replace(
+            "VOLUME", self.grid.kinematics.volume_unit)
 
     def _rename_earlier(self):
         """Rename an earlier file, its XDMF and its checkpoints; return the new name."""
@@ -255,6 +258,8 @@ class Writer:
                 for key, size in components.items():
                     data = group.create_dataset(key, self._shape + size, dtype="f8")
                     data.attrs["unit"] = self._unit(key)
+                    if key in TENSORS:
+                        data.attrs["components"] = self.grid.kinematics.labels
                     if key in periods:
                         data.attrs["period"] = periods[key]
             return draft

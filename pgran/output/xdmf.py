@@ -7,7 +7,6 @@ import os
 from contextlib import suppress
 from xml.sax.saxutils import escape
 
-from ..space.element import DIM
 from .connectivity import cells
 from .files import private
 from .snapshots import GROUP
@@ -57,11 +56,12 @@ def _grid(path, shape, name, time, target, fields, closed):
              f'<Topology TopologyType="Quadrilateral" NumberOfElements="{count}">',
              _array(f"{path.name}:/cells", (count, 4), "Int"),
              '</Topology><Geometry GeometryType="XY">',
-             _array(f"{target}:/{GROUP}/coordinates", (nodes, DIM)), "</Geometry>"]
+             _array(f"{target}:/{GROUP}/coordinates", (nodes, 2)), "</Geometry>"]
     for field, components in fields.items():
-        dataset, kind = f"{target}:/{GROUP}/{field}", "Vector" if components else "Scalar"
+        dataset = f"{target}:/{GROUP}/{field}"
+        kind = "Matrix" if sum(components) > 3 else "Vector" if components else "Scalar"
         parts += [f'<Attribute Name="{field}" Center="Node" AttributeType="{kind}">',
-                  _padded(dataset, shape) if tuple(components) == (DIM,) else
+                  _padded(dataset, shape) if tuple(components) == (2,) else
                   _array(dataset, (nodes, *components)), "</Attribute>"]
     return "".join(parts) + "</Grid>\n"
 
@@ -77,8 +77,8 @@ def _array(dataset, shape, kind="Float"):
 
 def _padded(dataset, shape):
     """Return a field of two components with a third component of zero."""
-    nodes, array = shape[0] * shape[1], _array(dataset, (*shape, DIM))
+    nodes, array = shape[0] * shape[1], _array(dataset, (*shape, 2))
     slabs = [_item((nodes, 1), 'ItemType="HyperSlab"', _item(
         (3, 3), 'NumberType="Int" Format="XML"',
-        f"0 0 {component} 1 1 1 {shape[0]} {shape[1]} 1") + array) for component in range(DIM)]
+        f"0 0 {component} 1 1 1 {shape[0]} {shape[1]} 1") + array) for component in range(2)]
     return _item((nodes, 3), 'ItemType="Function" Function="JOIN($0, $1, 0*$0)"', "".join(slabs))

@@ -12,11 +12,10 @@ from petsc4py import PETSc
 
 from ..options import Interrupted, ParameterError, SolutionError
 from ..space import coarse, diagnostics, galerkin, multigrid, schur
-from ..space.element import DIM, NODES, Geometry, least_determinant
 from ..versions import callback_error
 from .controller import LEAST_SHARE, StepController
 from .energy import Balance
-from .failure import describe, name_of
+from .failure import describe, name_of, place
 from .petsc_options import check_options, matrix_type
 from .state import TimeStep, steady_residual, velocity
 from .tolerances import Tolerances
@@ -30,28 +29,35 @@ class AcceptedStep:
         self._comm = form.grid.comm.tompi4py()
 
     def reaction(self, side):
-        """Return the force (2,) on a side of the material, stress times d. Collective."""
+        """Return the force (c,) on a side of the material, stress times d or d^2. Collective."""
         return self._comm.allreduce(diagnostics.reaction(self.form.grid, self._forces, side))
 
     def torque(self, side):
-        """Return the torque about the origin on a side, stress times d^2. Collective."""
-        nodes = self._owned_nodes(side)
+        """Return the torque about the origin or the axis on a side. Collective.
+
+        It is in stress d^2 per unit depth, and with rotational symmetry in stress d^3.
+        """
+        nodes, kinematics = self._owned_nodes(side), self.form.kinematics
         x, force = self._x[:, nodes], self.form.grid.split(self._forces)[0][:, nodes]
-        return float(self._comm.allreduce((x[0] * force[1] - x[1] * force[0]).sum()))
+        if kinematics.axisymmetric:
+            arms = kinematics.circumference * x[0] * force[2]
+        else:
+            arms = x[0] * force[1] - x[1] * force[0]
+        return float(self._comm.allreduce(arms.sum()))
 
     def mean_velocity(self, side=None):
-        """Return the mean velocity (2,) of a side or of the volume, d gdot0. Collective."""
+        """Return the mean velocity (c,) of a side or of the volume, d gdot0. Collective."""
         grid, x = self.form.grid, self._x
         nodal = velocity(self.form, self._local, x)
         if side:
             sums = diagnostics.side_integrals(grid, nodal, x, side)
         else:
-            sums = diagnostics.integrals(grid, nodal, Geometry(x[:, grid.element_nodes]))
+            sums = diagnostics.integrals(grid, nodal, grid.geometry(x))
         sums = self._comm.allreduce(sums)
-        return sums[:DIM] / sums[DIM]
+        return sums[:-1] / sums[-1]
 
     def extent(self, side):
-        """Return the lengths (2,) of a side along x1 and x2, d. Collective."""
+        """Return the lengths (dim,) of a side along the coordinates, d. Collective."""
         x = self._x[:, self._owned_nodes(side)]
         highest, lowest = np.empty(len(x)), np.empty(len(x))
         self._comm.Allreduce(x.max(axis=1, initial=-np.inf), highest, MPI.MAX)
@@ -159,7 +165,9 @@ class Driver:
         ts.setIJacobian(self._ijacobian, self.matrix, self.matrix)
         ts.setPostStep(self._post_step)
         ts.getSNES().setInitialGuess(self._predict)
-        ts.getSNES().setForceIteration(True)  # without an iteration the flow would not change
+        # Without an iteration a flow in time would not change. In steady flow a trust region cannot
+        # reduce a residual that is a rounding error.
+        ts.getSNES().setForceIteration(not self.steady)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
         ts.setMaxSNESFailures(-1)  # -pgran_step_min limits the repetitions of a step
         ts.setMaxStepRejections(1000)
@@ -399,18 +407,19 @@ class Driver:
         """Raise an error if elements are inverted or the mesh leaves its domain."""
         nodes, owned = self.grid.nodes, self.grid.nodes.owned
         x, elements = state.x[:, owned], self.grid.element_nodes[:, self.grid.elements.owned]
-        determinants, found = least_determinant(state.x[:, elements]), None
-        out = self.case.nodes_outside(state.time, x, nodes.i[owned], nodes.j[owned])
+        element, found = self.grid.element, None
+        determinants = element.least_determinant(state.x[:, elements])
+        out = self.case.nodes_outside(state.time, x, *nodes.index[:, owned])
         if not (determinants > 0.0).all():
-            middle = state.x[:, elements[NODES // 2]]
+            middle = state.x[:, elements[element.nodes // 2]]
             found = "an element is inverted", middle[:, np.argmin(determinants)]
         elif out and out[0].any():
             found = out[1], x[:, np.argmax(out[0])]
         for what, at in filter(None, self.comm.allgather(found)):
             raise SolutionError(
-                f"the mesh becomes invalid at {self.case.label(state.time)}: {what} at x = "
-                f"({at[0]:.4g}, {at[1]:.4g}) d. What may help: an earlier end, or a smaller "
-                "@step_max or @step_error")
+                f"the mesh becomes invalid at {self.case.label(state.time)}: {what} "
+                f"{place(at)}. What may help: an earlier end, or a smaller @step_max or "
+                "@step_error")
 
     # Results
 
@@ -436,8 +445,8 @@ class Driver:
 
     def _stored_energy(self, local):
         """Return the stored energy and the volume of the last accepted state."""
-        x, stress = self.state.x[:, self.grid.element_nodes], self.state.stress
-        return diagnostics.stored_energy(self.form, local, stress, Geometry(x))
+        return diagnostics.stored_energy(self.form, local, self.state.stress,
+                                         self.grid.geometry(self.state.x))
 
     def cost(self):
         """Return the numbers of steps and iterations so far, including repeated steps."""
@@ -468,7 +477,8 @@ class Driver:
         """
         (local, _, increment), form, x = self._accepted, self.form, self.state.x
         speed, fields = velocity(form, local, x), diagnostics.nodal_fields(form, local, increment)
-        deviator = form.grid.at_nodes(self.state.stress)
-        pressure = np.multiply.outer([1.0, 1.0, 0.0], fields["pressure"])
+        kinematics = form.kinematics
+        deviator = form.grid.at_nodes(kinematics.tensor(self.state.stress))
+        pressure = np.multiply.outer(kinematics.diagonal, fields["pressure"])
         return {"coordinates": x, "velocity": speed, **fields, "deviator": deviator,
                 "stress_tensor": deviator - pressure, **diagnostics.nodal_strains(form, speed, x)}

@@ -3,8 +3,6 @@
 import numpy as np
 from petsc4py import PETSc
 
-from ..space.element import SHAPE
-
 _SMALLER, _DIRECT = "a smaller @step_max", "@@options_file options/direct.opts"
 _BASIC = "@@snes_linesearch_type basic"
 _ITERATIONS = "it did not converge in {its} iterations", f"a larger @@ksp_max_it, or {_DIRECT}"
@@ -30,7 +28,7 @@ MUMPS_WORDS = {
     -13: ("MUMPS could not allocate memory",
           "more memory or ranks, or @@options_file options/biaxial.opts")}
 #: Names of the equations, by field.
-EQUATIONS = {"v1": "momentum along x1", "v2": "momentum along x2", "g": "fluidity",
+EQUATIONS = {**{f"v{c}": f"momentum along x{c}" for c in (1, 2, 3)}, "g": "fluidity",
              "P": "incompressibility"}
 
 
@@ -81,8 +79,9 @@ def _largest(form, sizes, describe_entry):
     return max(form.grid.comm.tompi4py().allgather(found), key=lambda entry: entry[0])
 
 
-def _at(x):
-    return f"at x = ({x[0]:.4g}, {x[1]:.4g}) d"
+def place(x):
+    """Return the coordinates ``x``, d, as text."""
+    return f"at x = ({', '.join(f'{part:.4g}' for part in x)}) d"
 
 
 def _largest_residual(snes, form, x):
@@ -93,9 +92,9 @@ def _largest_residual(snes, form, x):
         name = grid.fields[field]
         if grid.owned[index] >= grid.n_flow:
             corner, name = grid.owned[index] - grid.n_flow, "P"
-            node = grid.nodes.index(2 * grid.corners.i[corner], 2 * grid.corners.j[corner])
+            node = grid.corner_nodes()[corner]
         value = f"{residual[index]:.2e}" if np.isfinite(residual[index]) else "NaN"
-        return f"the largest residual is {value}, in {EQUATIONS[name]} {_at(x[:, node])}"
+        return f"the largest residual is {value}, in {EQUATIONS[name]} {place(x[:, node])}"
 
     return _largest(form, residual, describe_entry)
 
@@ -107,18 +106,18 @@ def _undefined(form, increment, local):
     pressure, mu = form.collect(
         local, increment, lambda p: np.array([p.P, p.response.stress_ratio]))[..., owned]
 
-    def place(index):
+    def point(index):
         q, e = np.unravel_index(index, mu.shape)
-        return _at(SHAPE[q] @ increment.x[:, form.grid.element_nodes[:, owned[e]]].T)
+        return place(form.element.shape[q] @ increment.x[:, form.grid.element_nodes[:, owned[e]]].T)
 
     size, text = _largest(form, -pressure.ravel(), lambda index: (
         f"pressure is negative, {pressure.ravel()[index]:.3g} {form.case.stress_unit}, "
-        f"{place(index)}"))
+        f"{point(index)}"))
     if size > 0.0:
         return text, f"loads that leave the pressure positive, or {_SMALLER}"
     limit, remedy = form.case.law.limit, _SMALLER
     _, text = _largest(form, mu.ravel(), lambda index: (
-        f"mu reaches {mu.ravel()[index]:.4g} {place(index)}"))
+        f"mu reaches {mu.ravel()[index]:.4g} {point(index)}"))
     if np.isfinite(limit):
         text += f", and the law bears less than {limit:.4g}"
         remedy = (f"a start and loads that need mu < {limit:.4g} everywhere, a smaller "

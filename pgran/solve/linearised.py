@@ -9,10 +9,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..material.elasticity import COMPONENTS
 from ..options import PREFIX, SolutionError
 from ..output.writer import write_once
-from ..space.element import DIM, POINTS
 from ..space.weakform import discretise
 from . import state as states
 from .spectrum import row_of, use_mumps
@@ -38,8 +36,8 @@ class LinearisedStep:
     """The derivative of one step ``dt``, 1/gdot0, about a flow. Collective.
 
     ``without`` are the names of omitted `PARTS`, and ``start`` is a `State`, by default of the
-    reference flow. A disturbance is one array of this rank: mesh (2 n_nodes), unknowns (n_local)
-    and stress (3 points n_elements) with ghosts.
+    reference flow. A disturbance is one array of this rank: mesh (dim n_nodes), unknowns (n_local)
+    and stress (m points n_elements) with ghosts.
     """
 
     def __init__(self, form, dt, without=(), start=None):
@@ -50,7 +48,7 @@ class LinearisedStep:
         self.inside = np.ones(grid.nodes.size, dtype=bool)
         for side in form.case.tractions(0.0):
             self.inside[grid.side_nodes(side)] = False
-        sizes = [DIM * grid.nodes.size, grid.n_local, COMPONENTS * POINTS * grid.n_elements]
+        sizes = [self.state.x.size, grid.n_local, self.state.stress.size]
         self.lengths, self.size = np.cumsum(sizes[:-1]), sum(sizes)
         self.matrix, self.right = form.create_matrix(), grid.create_vector()
         self.update = self.right.duplicate()
@@ -102,7 +100,7 @@ class LinearisedStep:
         """Return the disturbed mesh, unknowns and stress at the end, to first order."""
         state, form, base = self.state, self.form, self.base.increment
         x, local, stress = np.split(disturbance, self.lengths)
-        start = states.State(state.time, state.x + x.reshape(DIM, -1), state.local + local,
+        start = states.State(state.time, state.x + x.reshape(state.x.shape), state.local + local,
                              state.stress + stress.reshape(state.stress.shape))
         step = states.TimeStep(form, start, self.dt)
         increment = step.increment
@@ -185,7 +183,7 @@ def write_mode(path, form, rate, mode, option=("output", PREFIX)):
     """
     grid = form.grid
     x = states.snapshot_start(form).x if form.case.parameters.restart else (
-        form.case.coordinates(grid.nodes.i, grid.nodes.j))
+        form.case.coordinates(*grid.nodes.index))
     mode = (mode / grid.largest(mode[:x.size])).real  # the largest displacement becomes 1 d
     velocity, fluidity, pressure = grid.split(mode[x.size:x.size + grid.n_local])
     displacement = mode[:x.size].reshape(x.shape)

@@ -11,7 +11,6 @@ from petsc4py import PETSc
 
 from ..options import SolutionError
 from ..output.writer import BASE, write_once
-from ..space.element import DIM
 from ..space.weakform import discretise
 from ..theory import waves
 from . import state
@@ -221,9 +220,9 @@ def name_of(form, mode):
     """
     grid = form.grid
     nodes = grid.nodes
-    velocity = mode[:grid.n_flow].reshape(-1, grid.dof)[nodes.owned, :DIM]
+    velocity = mode[:grid.n_flow].reshape(-1, grid.dof)[nodes.owned, :len(grid.velocities)]
     first, second = (np.exp(-2j * np.pi * np.outer(np.arange(-n, n + 1), index) / (2 * n))
-                     for n, index in zip(grid.shape, (nodes.i[nodes.owned], nodes.j[nodes.owned])))
+                     for n, index in zip(grid.shape, nodes.index[:, nodes.owned]))
     terms = np.stack([(first * part) @ second.T for part in velocity.T])
     terms = grid.comm.tompi4py().allreduce(terms, MPI.SUM)
     power = (np.abs(terms)**2).sum(axis=0)
@@ -250,8 +249,8 @@ def write_mode(path, form, rate, mode):
         pressure, fluidity = (field if field is None else field - comm.allreduce(
             field[owned].sum(), MPI.SUM) / comm.allreduce(owned.size, MPI.SUM)
             for field, owned in ((pressure, grid.corners.owned), (fluidity, grid.nodes.owned)))
-    fields = {"coordinates": case.coordinates(grid.nodes.i, grid.nodes.j), "velocity": velocity,
-              "pressure": grid.corner_field(pressure), "speed": np.hypot(*velocity)}
+    fields = {"coordinates": case.coordinates(*grid.nodes.index), "velocity": velocity,
+              "pressure": grid.corner_field(pressure), "speed": np.linalg.norm(velocity, axis=0)}
     if grid.has_fluidity:
         fields["fluidity"] = fluidity
     if case.parameters.restart:

@@ -14,14 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from ..material.elasticity import rotate, stress_rate
+from ..material.elasticity import stress_rate
 from ..options import ParameterError
 from ..output import checkpoint
 from ..output.files import Disk
 from ..output.reader import opened
 from ..output.start import read_mode, read_snapshot
 from ..space.advection import Advection
-from ..space.element import DIM, SHAPE
 
 #: Relative deviation from the reference flow above which a perturbation is a band.
 FORMED = 1.0
@@ -37,13 +36,13 @@ class State:
     """An accepted state on one rank, from which a step starts; the end of the previous step."""
 
     time: float  #: 1/gdot0
-    x: np.ndarray  #: mesh (2, n_nodes), d
+    x: np.ndarray  #: mesh (dim, n_nodes), d
     local: np.ndarray  #: unknowns (n_local,)
-    stress: np.ndarray  #: deviator (3, points, n)
+    stress: np.ndarray  #: deviator (m, points, n) in Mandel notation
     dt: float = None  #: size of the last step
     previous_stress: np.ndarray = None  #: at the start of that step, transported to its end
     rate: np.ndarray = None  #: difference quotient of the unknowns over that step, or zero
-    velocity_curvature: np.ndarray = None  #: second divided difference (2, n_nodes)
+    velocity_curvature: np.ndarray = None  #: second divided difference (c, n_nodes)
     growth_signal: float = None  #: `ErrorEstimate.growth_signal` of that step
 
     def __post_init__(self):
@@ -58,7 +57,7 @@ class State:
                 self.stress + dt / self.dt * (self.stress - self.previous_stress))
 
     def mean_velocity(self, form, dt):
-        """Return the mean (2, n_nodes) over ``dt`` of the parabola through the last velocities."""
+        """Return the mean (c, n_nodes) over ``dt`` of the parabola through the last velocities."""
         mean = velocity(form, self.local + 0.5 * dt * self.rate, self.x)
         if self.velocity_curvature is None:
             return mean
@@ -73,7 +72,7 @@ class State:
         """Return velocity, pressure, perhaps fluidity, and deviator at nodes, {name: (..., n)}."""
         velocity, fluidity, pressure = form.grid.split(self.local)
         fields = {"velocity": velocity, "pressure": form.grid.corner_field(pressure),
-                  "deviator": form.grid.at_nodes(self.stress)}
+                  "deviator": form.grid.at_nodes(form.kinematics.tensor(self.stress))}
         return fields if fluidity is None else {**fields, "fluidity": fluidity}
 
     # Checkpoints, for any number of ranks
@@ -96,7 +95,7 @@ class State:
     def values(self, grid):
         """Return the numbers of a checkpoint. Collective."""
         return {"time": self.time, "dt": self.dt, "pace": self.growth_signal,
-                "period": grid.period(self.x)}
+                "period": grid.period(self.x), "mandel": 1}
 
     @classmethod
     def of(cls, form, values, arrays):
@@ -105,31 +104,32 @@ class State:
         x, lattice = _initial_mesh(form), grid.nodes
         if form.case.moving:
             x = nodes["coordinates"].copy()
-            for index, n, period in zip((lattice.i, lattice.j), lattice.shape, values["period"]):
+            for index, n, period in zip(lattice.index, lattice.shape, values["period"]):
                 x += np.outer(period, index // n)  # beyond the ends of a periodic grid
         local, rate = (grid.join(nodes[f"velocity{kind}"], nodes.get(f"fluidity{kind}"),
                                  corners[f"pressure{kind}"]) for kind in ("", "_rate"))
         stresses = {name: np.ascontiguousarray(part) for name, part in arrays["elements"].items()}
+        if not values.get("mandel"):  # before release 0.4
+            stresses = {name: form.kinematics.mandel(part) for name, part in stresses.items()}
         return cls(values["time"], x, local, stresses["stress"], values.get("dt"),
                    stresses.get("earlier_stress"), rate, nodes.get("velocity_bend"),
                    values.get("pace"))
 
 
 def velocity(form, local, x):
-    """Return the velocity (2, n_nodes) of the material with the base flow at ``x``, d gdot0."""
+    """Return the velocity (c, n_nodes) of the material with the base flow at ``x``, d gdot0."""
     return form.grid.split(local)[0] + form.case.base_gradient @ x
 
 
 # Initial states
 
 def _initial_mesh(form):
-    return form.case.coordinates(form.grid.nodes.i, form.grid.nodes.j)
+    return form.case.coordinates(*form.grid.nodes.index)
 
 
 def _joined(grid, velocity, fluidity, pressure):
     """Return the unknowns of nodal fields (..., n_nodes)."""
-    corners = grid.nodes.index(2 * grid.corners.i, 2 * grid.corners.j)
-    return grid.join(velocity, fluidity, pressure[corners])
+    return grid.join(velocity, fluidity, pressure[grid.corner_nodes()])
 
 
 def _stored(grid, fields):
@@ -137,9 +137,9 @@ def _stored(grid, fields):
     return _joined(grid, *map(fields.get, ("velocity", "fluidity", "pressure")))
 
 
-def _at_points(form, nodal):
-    """Return nodal fields (k, n_nodes) at the Gauss points, (k, points, n)."""
-    return SHAPE @ nodal[:, form.grid.element_nodes]
+def _deviator(form, nodal):
+    """Return the deviator (m, points, n) of its tensor components (m, n_nodes) at nodes."""
+    return form.kinematics.mandel(form.element.shape @ nodal[:, form.grid.element_nodes])
 
 
 def rest(form):
@@ -172,7 +172,7 @@ def seeded(form):
     change = form.case.parameters.mode_amplitude * _stored(form.grid, mode)
     if base:
         return State(0.0, _initial_mesh(form), _stored(form.grid, base) + change,
-                     _at_points(form, base["deviator"]))
+                     _deviator(form, base["deviator"]))
     return reference(form, change)
 
 
@@ -196,7 +196,7 @@ def snapshot_start(form):
     attributes, fields = read_snapshot(parameters, form)
     x = fields["coordinates"] if form.case.moving else _initial_mesh(form)
     return State(float(attributes["time"]), x, _stored(form.grid, fields),
-                 _at_points(form, fields["deviator"]))
+                 _deviator(form, fields["deviator"]))
 
 
 def frozen(form, state):
@@ -232,7 +232,7 @@ def checkpoint_start(form):
         values = checkpoint.read_numbers(file, NUMBERS)
         counts, sizes = ([values.get(name, 1) for name in names] for names in (
             ("steps", "history", "snapshots"), ("wanted", "dt", "repeat")))
-        if np.shape(values["period"]) != (DIM, DIM) or min(counts) < 0 or min(sizes) <= 0:
+        if np.shape(values["period"]) != (form.grid.dim,) * 2 or min(counts) < 0 or min(sizes) <= 0:
             raise ValueError("it contains invalid numbers")
         like = rest(form)
         like.previous_stress = like.stress if "dt" in values else None
@@ -298,8 +298,8 @@ class TimeStep:
             else:
                 self._advection = Advection(form.grid, middle, x)
                 self.courant_number = self._advection.rate * dt
-            (_, l12), (l21, _) = form.grid.gradient(middle, 0.5 * (state.x + x))
-            self._angle = dt * ((l21 - l12) / 2.0)  # of the spin
+            gradients = form.grid.gradient(middle, 0.5 * (state.x + x))
+            self._angle = dt * form.kinematics.spin(*gradients)
             stresses = self.transport(state)
             self._previous_stress = stresses[0]
             factor, stress = state.past_stress(dt, stresses)
@@ -308,12 +308,13 @@ class TimeStep:
         self.increment = form.increment(x, stress, theta, end, rate_from=state.time)
 
     def transport(self, state):
-        """Return the last one or two deviators (3, points, n), transported to the step's end.
+        """Return the last one or two deviators (m, points, n), transported to the step's end.
 
         They rotate with the material. On a fixed mesh they are also advected, between two halves of
         the rotation, which is second order in time.
         """
         stresses = [state.stress] if state.dt is None else [state.stress, state.previous_stress]
+        rotate = self.form.kinematics.rotate
         if self.form.case.moving:
             return [rotate(stress, self._angle) for stress in stresses]
         half = 0.5 * self._angle
@@ -322,7 +323,7 @@ class TimeStep:
         return [rotate(stress, half) for stress in np.split(fields, len(stresses))]
 
     def mesh_at_end(self, local):
-        """Return the mesh (2, n_nodes) at the end of the step, by the trapezoidal rule."""
+        """Return the mesh (dim, n_nodes) at the end of the step, by the trapezoidal rule."""
         if not self.form.case.moving:
             return self.state.x
         mean = 0.5 * (velocity(self.form, self.state.local, self.state.x)

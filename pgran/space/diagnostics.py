@@ -3,7 +3,6 @@
 import numpy as np
 
 from ..material.elasticity import strain_fields
-from . import element
 
 #: A nodal pressure below this fraction of the mean pressure of the elements around it is only
 #: discretisation error.
@@ -11,15 +10,15 @@ VANISHING = 1e-3
 
 
 def nodal_strains(form, velocity, x):
-    """Return the `strain_fields` at the nodes, {name: (n_nodes,) or (3, n_nodes)}.
+    """Return the `strain_fields` at the nodes, {name: (..., n_nodes)}.
 
-    The strain since the start belongs to moving meshes only. ``velocity``, in d gdot0, and the
-    nodes ``x``, in d, are (2, n_nodes).
+    The strain since the start belongs to moving meshes only. ``velocity`` (c, n_nodes) is in
+    d gdot0, and the nodes ``x`` (dim, n_nodes) are in d.
     """
-    grid, start = form.grid, None
+    grid, stretches = form.grid, None
     if form.case.moving:
-        start = grid.gradient(x, form.case.coordinates(grid.nodes.i, grid.nodes.j))
-    found = strain_fields(grid.gradient(velocity, x), start)
+        stretches = grid.gradient(x, form.case.coordinates(*grid.nodes.index))
+    found = strain_fields(form.kinematics, grid.gradient(velocity, x), stretches)
     return {name: grid.at_nodes(values) for name, values in found.items()}
 
 
@@ -57,6 +56,7 @@ def power(form, local, forces, increment):
     """
     grid, case = form.grid, form.case
     base = case.base_gradient
+    base_rate = form.kinematics.strain_rate(base, base[:, 0])  # v_r/r is d v_r/d r
     velocity = grid.split(np.where(form.held, increment.prescribed, local))[0]
     reactions = grid.split(np.where(form.held, forces, 0.0))[0]
     received = ((reactions + increment.load) * velocity)[:, grid.nodes.owned].sum()
@@ -65,52 +65,52 @@ def power(form, local, forces, increment):
         dissipated = p.response.fluidity * p.response.stress_ratio**2 * p.P
         inside = np.zeros_like(dissipated)
         if np.any(base):
-            s11, s22, s12 = p.deviator()
-            inside += ((s11 - p.P) * base[0, 0] + (s22 - p.P) * base[1, 1]
-                       + s12 * (base[0, 1] + base[1, 0]))
+            inside += np.tensordot(base_rate, p.stress(), 1)
         if case.body_force is not None:
             inside += (case.body_force(p.x) * p.velocity).sum(axis=0)
         return np.array([inside, dissipated])
 
     inside, dissipated = _over_elements(
         grid, increment.geometry.weight * form.collect(local, increment, densities))
-    return grid.comm.tompi4py().allreduce(np.array([received + inside, dissipated]))
+    return form.kinematics.circumference * grid.comm.tompi4py().allreduce(
+        np.array([received + inside, dissipated]))
 
 
 def stored_energy(form, local, stress, geometry):
-    """Return the stored energy and the volume, stress d^2 and d^2 per unit depth. Collective.
+    """Return the stored energy and the volume, stress d^dim and d^dim. Collective.
 
     The energy is sigma':sigma'/(4 G) and, with inertia, phi rho_s v^2/2.
     """
-    s11, s22, s12 = stress
-    energy = (s11**2 + s22**2 + 2.0 * s12**2) / (4.0 * form.material.G)
+    energy = (stress**2).sum(axis=0) / (4.0 * form.material.G)
     density = form.storage["velocity"]
     if density:
         nodal = form.grid.split(local)[0][:, form.grid.element_nodes]
-        energy = energy + 0.5 * density * sum((element.SHAPE @ part)**2 for part in nodal)
+        energy = energy + 0.5 * density * sum((form.element.shape @ part)**2 for part in nodal)
     sums = _over_elements(form.grid, geometry.weight * np.array([energy, np.ones_like(energy)]))
-    return form.grid.comm.tompi4py().allreduce(sums)
+    return form.kinematics.circumference * form.grid.comm.tompi4py().allreduce(sums)
 
 
 def integrals(grid, nodal, geometry):
     """Return the integrals (k + 1,) of Q2 fields (k, n_nodes) and 1 over this rank's elements."""
     nodal = np.array([*nodal, np.ones(nodal.shape[1])])
-    return _over_elements(grid, geometry.weight * (element.SHAPE @ nodal[:, grid.element_nodes]))
+    values = grid.element.shape @ nodal[:, grid.element_nodes]
+    return _over_elements(grid, geometry.weight * values)
 
 
 def side_integrals(grid, nodal, x, side):
     """Return the integrals (k + 1,) of the same along a side of this rank's elements."""
-    owned = np.isin(grid.side_elements(side), grid.elements.owned)
-    nodes = grid.side_nodes(side)[:, owned]
-    length = element.WEIGHTS_1D[:, None] * np.hypot(*(element.SIDE_SLOPE @ x[:, nodes]))
-    values = element.SIDE_SHAPE @ np.array([*nodal, np.ones(nodal.shape[1])])[:, nodes]
-    return (length * values).sum(axis=(1, 2))
+    elements, rule = grid.side_elements(side), grid.element.side_rules[side]
+    elements = np.intersect1d(elements, grid.elements.owned)
+    area = np.linalg.norm(grid.geometry(x, elements, rule).area(side), axis=0)
+    nodal = np.array([*nodal, np.ones(nodal.shape[1])])
+    values = rule.shape @ nodal[:, grid.element_nodes[:, elements]]
+    return (area * values).sum(axis=(1, 2))
 
 
 def reaction(grid, forces, side):
-    """Return the force (2,) of a side on the owned nodes, from `WeakForm.forces`."""
+    """Return the force (c,) of a side on the owned nodes, from `WeakForm.forces`."""
     nodes = np.intersect1d(grid.side_nodes(side), grid.nodes.owned)
-    return grid.split(forces)[0][:, nodes].sum(axis=1)
+    return grid.kinematics.circumference * grid.split(forces)[0][:, nodes].sum(axis=1)
 
 
 def _over_elements(grid, values):

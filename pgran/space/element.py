@@ -1,23 +1,27 @@
-"""Q2 and Q1 shape functions, quadrature and mapped quadrilaterals.
+"""Q2 and Q1 shape functions, quadrature and mapped elements in two or three dimensions.
 
-Nodes and Gauss points of an element are counted with x1 fastest: a = 3 j + i for Q2 nodes and Gauss
-points, a = 2 j + i for corners. Fields at Gauss points are arrays (`POINTS`, n): point first,
-element last, so that one matrix product with a table evaluates all elements.
+Nodes and Gauss points of an element are counted with x1 fastest, for example a = 3 j + i, and its
+corners likewise. Fields at Gauss points are arrays (points, n): point first, element last, so that
+one matrix product with a table evaluates all elements.
 """
 
+from functools import cached_property, lru_cache, reduce
+from operator import add
 from typing import NamedTuple
 
 import numpy as np
 
-#: Dimensions of space.
-DIM = 2
-#: Q2 nodes, Gauss points and corners of an element.
-NODES, POINTS, CORNERS = 3**DIM, 3**DIM, 2**DIM
-
 GAUSS_1D = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
 WEIGHTS_1D = np.array([5.0, 8.0, 5.0]) / 9.0
-#: Q2 nodes of each side, in the order that keeps the element on the left.
-SIDE_NODES = {"bottom": (0, 1, 2), "right": (2, 5, 8), "top": (8, 7, 6), "left": (6, 3, 0)}
+#: The axis across each side and its reference coordinate there. The side opposite to number f is
+#: number f ^ 1.
+SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1), "back": (2, -1),
+         "front": (2, 1)}
+
+
+def total(arrays):
+    """Return the sum of arrays; unlike `sum` it adds no zero."""
+    return reduce(add, arrays)
 
 
 def quadratic(x):
@@ -34,10 +38,9 @@ def linear(x):
     return np.hstack([1.0 - x, 1.0 + x]) / 2.0
 
 
-def _tensor(second, first):
-    """Tensor product of functions of x2 and of x1, with x1 fastest in points and nodes."""
-    return np.einsum("qb,pa->qpba", second, first).reshape(
-        len(second) * len(first), second.shape[1] * first.shape[1])
+def _tensor(*factors):
+    """The tensor product of functions of x1, x2, ..., (points, functions), with x1 fastest."""
+    return reduce(lambda inner, outer: np.kron(outer, inner), factors)
 
 
 class Rule(NamedTuple):
@@ -47,134 +50,159 @@ class Rule(NamedTuple):
     slope: np.ndarray  #: Their reference derivatives, (directions, points, nodes).
     corner_shape: np.ndarray  #: Q1 functions, (points, corners).
     weights: np.ndarray  #: (points,).
-
-    @property
-    def from_gauss(self):
-        """Interpolation from the Gauss points, (points, Gauss points)."""
-        return self.shape @ GAUSS_TO_NODES
+    from_gauss: np.ndarray = None  #: Interpolation from the Gauss points, (points, Gauss points).
 
 
-def _rule(first, second, weights):
-    """The `Rule` of the points ``first`` along x1 and ``second`` along x2."""
-    (n_1, d_1), (n_2, d_2) = quadratic(first), quadratic(second)
-    return Rule(_tensor(n_2, n_1), np.array([_tensor(n_2, d_1), _tensor(d_2, n_1)]),
-                _tensor(linear(second), linear(first)), np.outer(*weights[::-1]).ravel())
+class Element:
+    """The tables of the element with ``dim`` dimensions.
 
-
-#: The Gauss points of the volume.
-VOLUME = _rule(GAUSS_1D, GAUSS_1D, (WEIGHTS_1D, WEIGHTS_1D))
-SHAPE, SHAPE_SLOPE, CORNER_SHAPE, WEIGHTS = VOLUME
-#: Q1 shape functions at the Q2 nodes, (nodes, corners).
-CORNER_AT_NODES = _tensor(linear([-1.0, 0.0, 1.0]), linear([-1.0, 0.0, 1.0]))
-#: Reference derivatives of the Q2 functions at Gauss points and corners.
-_ALL_SLOPES = np.concatenate([SHAPE_SLOPE, _rule([-1.0, 1.0], [-1.0, 1.0], np.ones((2, 2))).slope],
-                             axis=1)
-#: Values at the Q2 nodes of the biquadratic through the Gauss points, (nodes, points).
-GAUSS_TO_NODES = np.linalg.inv(SHAPE)
-#: Shape functions and slopes of a side at its three Gauss points, (3 points, 3 nodes).
-SIDE_SHAPE, SIDE_SLOPE = quadratic(GAUSS_1D)
-
-
-def _across(axis, points, weights):
-    """The `Rule` with ``points`` (n,) across ``axis``, and Gauss points along the other one."""
-    positions, factors = [GAUSS_1D, GAUSS_1D], [WEIGHTS_1D, WEIGHTS_1D]
-    positions[axis], factors[axis] = points, weights
-    return _rule(*positions, factors)
-
-
-#: The reference direction across each side, and its value there.
-ENDS = {"bottom": (1, -1.0), "top": (1, 1.0), "left": (0, -1.0), "right": (0, 1.0)}
-#: The Gauss points of each side.
-SIDES = {side: _across(axis, [end], [1.0]) for side, (axis, end) in ENDS.items()}
-
-
-def _root_rule(side):
-    """The `Rule` for functions of the root of the distance, 2 s^2, to a side.
-
-    Three Gauss points in s are exact for powers -1 to 4 of the root.
+    Attributes
+    ----------
+    nodes, points, corners : int
+        Numbers of Q2 nodes, Gauss points and corners.
+    offsets, corner_offsets : ndarray, (dim, nodes) and (dim, corners)
+        Position of the nodes and corners in the element along each axis.
+    sides : dict
+        {side: (axis, end)} as in `SIDES`.
+    side_nodes : dict
+        The nodes of each side, {side: (nodes,)}.
+    shape, slope, corner_shape, weights : ndarray
+        The `Rule` of the Gauss points.
     """
-    (axis, end), s = ENDS[side], (1.0 + GAUSS_1D) / 2.0
-    return _across(axis, end * (1.0 - 2.0 * s**2), 2.0 * s * WEIGHTS_1D)
+
+    def __init__(self, dim):
+        self.dim, self.nodes, self.points, self.corners = dim, 3**dim, 3**dim, 2**dim
+        self.offsets, self.corner_offsets = (
+            np.indices((size,) * dim).reshape(dim, -1)[::-1] for size in (3, 2))
+        self.sides = {side: (axis, end) for side, (axis, end) in SIDES.items() if axis < dim}
+        self.side_nodes = {side: np.flatnonzero(self.offsets[axis] == 1 + end)
+                           for side, (axis, end) in self.sides.items()}
+        #: Values at the Q2 nodes of the polynomial through the Gauss points, (nodes, points).
+        self.gauss_to_nodes = np.linalg.inv(_tensor(*[quadratic(GAUSS_1D)[0]] * dim))
+        self.volume = self.rule([GAUSS_1D] * dim, [WEIGHTS_1D] * dim)
+        self.shape, self.slope, self.corner_shape, self.weights, _ = self.volume
+        #: Q1 functions at the Q2 nodes, (nodes, corners).
+        self.corner_at_nodes = _tensor(*[linear([-1.0, 0.0, 1.0])] * dim)
+        #: The rules of the Gauss points of the sides.
+        self.side_rules = {side: self._across(axis, [float(end)], [1.0])
+                           for side, (axis, end) in self.sides.items()}
+
+    def rule(self, points, weights):
+        """Return the `Rule` of points (n,) and weights (n,) along each axis."""
+        functions, along = [quadratic(x) for x in points], range(self.dim)
+        shape = _tensor(*(values for values, _ in functions))
+        slope = [_tensor(*(functions[k][k == r] for k in along)) for r in along]
+        return Rule(shape, np.array(slope), _tensor(*map(linear, points)),
+                    _tensor(*(part[None] for part in weights)).ravel(),
+                    shape @ self.gauss_to_nodes)
+
+    def _across(self, axis, points, weights):
+        """The `Rule` with ``points`` (n,) across ``axis``, and Gauss points along the others."""
+        positions, factors = [GAUSS_1D] * self.dim, [WEIGHTS_1D] * self.dim
+        positions[axis], factors[axis] = points, np.asarray(weights)
+        return self.rule(positions, factors)
+
+    @cached_property
+    def surface_rules(self):
+        """The rules of the fluidity source in the first layers of elements below each free surface.
+
+        In the layer that touches it the source is singular: three Gauss points in the root s of the
+        distance 2 s^2 are exact for powers -1 to 4 of s. Behind it three Gauss points leave an
+        error that falls with the sixth power of the distance, and six points do not.
+        """
+        s, six, found = (1.0 + GAUSS_1D) / 2.0, np.polynomial.legendre.leggauss(6), {}
+        for side, (axis, end) in self.sides.items():
+            root = self._across(axis, end * (1.0 - 2.0 * s**2), 2.0 * s * WEIGHTS_1D)
+            found[side] = [root] + 3 * [self._across(axis, *six)]
+        return found
+
+    @cached_property
+    def _all_slopes(self):
+        """Reference derivatives at Gauss points and corners."""
+        corners = self.rule([np.array([-1.0, 1.0])] * self.dim, [np.ones(2)] * self.dim)
+        return np.concatenate([self.slope, corners.slope], axis=1)
+
+    def least_determinant(self, x):
+        """Return the minimum (n,) of the determinant over Gauss points and corners, d^dim."""
+        return _cofactors(_jacobian(self._all_slopes, x))[1].min(axis=0)
 
 
-#: The rules of the fluidity source in the first layers of elements below a free surface. In the
-#: layer that touches it the source is singular. Behind it three Gauss points leave an error that
-#: falls with the sixth power of the distance, and six points do not.
-SURFACES = {side: [_root_rule(side)] + 3 * [
-    _across(axis, *np.polynomial.legendre.leggauss(6))] for side, (axis, _) in ENDS.items()}
+#: The `Element` of a number of dimensions.
+element = lru_cache(Element)
 
 
-def _map(slope, x):
-    """The derivatives [[d x1/d xi_1, d x1/d xi_2], ...] and the determinant of the map."""
-    (x_1, x_2), (y_1, y_2) = ([slope[r] @ x[i] for r in range(DIM)] for i in range(DIM))
-    return ((x_1, x_2), (y_1, y_2)), x_1 * y_2 - x_2 * y_1
+@lru_cache
+def table(dim, left, right):
+    """Return the products of two sets of functions, (pairs of functions, factors).
+
+    An entry of an element matrix is a sum over Gauss points and directions of a factor of the
+    element times a product of functions. With this table, all entries of all elements are one
+    matrix product with the factors. ``left`` and ``right`` are value, slope, corner, or slot: the
+    derivatives followed by the value.
+    """
+    e = element(dim)
+    sets = {"value": e.shape[None], "slope": e.slope, "corner": e.corner_shape[None],
+            "slot": np.concatenate([e.slope, e.shape[None]])}
+    product = np.einsum("rqa,sqb->abrsq", sets[left], sets[right])
+    return product.reshape(product.shape[0] * product.shape[1], -1)
+
+
+def _jacobian(slope, x):
+    """The derivatives [i][r] = d x_i/d xi_r (points, n) of a map of nodes ``x`` (dim, nodes, n)."""
+    return [[along @ part for along in slope] for part in x]
+
+
+def _cofactors(jacobian):
+    """The cofactors [i][r] = det d xi_r/d x_i of a Jacobian, and its determinant."""
+    if len(jacobian) == 2:
+        (x_1, x_2), (y_1, y_2) = jacobian
+        found = np.array([[y_2, -y_1], [-x_2, x_1]])
+    else:
+        x, y, z = (np.array(row) for row in jacobian)
+        found = np.array([np.cross(a, b, axis=0) for a, b in ((y, z), (z, x), (x, y))])
+    return found, sum(a * b for a, b in zip(jacobian[0], found[0]))
 
 
 class Geometry:
-    """The map of quadrilaterals with nodes ``x`` (2, nodes, n), d, at the points of a `Rule`.
+    """The map of elements with nodes ``x`` (dim, nodes, n), d, at the points of a `Rule`.
 
-    ``inverse`` (2, 2, points, n) is d xi_r/d x_i, 1/d, with r second, and ``weight`` (points, n)
-    is the quadrature weight times the determinant, d^2. Both are NaN in inverted elements, which a
-    solver treats as a failed evaluation.
+    ``inverse`` (dim, dim, points, n) is d xi_r/d x_k, 1/d, with r second, and ``weight`` (points,
+    n) is the quadrature weight times the determinant, d^dim. If axisymmetric, the weight contains
+    the radius x_1 as well, and ``over_r`` (points, n) is its inverse. All are NaN in inverted
+    elements, which a solver treats as a failed evaluation.
     """
 
-    def __init__(self, x, rule=VOLUME):
-        self.rule = rule
-        ((x_1, x_2), (y_1, y_2)), det = _map(rule.slope, x)
+    over_r = None
+
+    def __init__(self, x, rule=None, axisymmetric=False):
+        self.rule = rule = rule or element(len(x)).volume
+        found, det = _cofactors(_jacobian(rule.slope, x))
         det[~(det > 0.0)] = np.nan
-        self.inverse = np.array([[y_2, -y_1], [-x_2, x_1]]) / det
+        self.inverse = found / det
         self.weight = rule.weights[:, None] * det
+        if axisymmetric:
+            r = rule.shape @ x[0]
+            self.over_r = 1.0 / r
+            self.weight *= r
 
     def __getitem__(self, batch):
-        """Return the geometry of a slice of the elements."""
+        """Return the geometry of a slice or of the numbers of elements."""
         part = Geometry.__new__(Geometry)
-        part.rule = self.rule
-        part.inverse, part.weight = self.inverse[..., batch], self.weight[:, batch]
+        part.rule, part.inverse = self.rule, self.inverse[..., batch]
+        part.weight = self.weight[:, batch]
+        part.over_r = None if self.over_r is None else self.over_r[:, batch]
         return part
 
     def gradient(self, nodal):
-        """Return the gradient (2, points, n) of a Q2 field ``nodal`` (nodes, n)."""
-        slope = self.rule.slope.reshape(-1, NODES) @ nodal
-        slope = slope.reshape(DIM, len(self.rule.shape), -1)
-        return self.inverse[:, 0] * slope[0] + self.inverse[:, 1] * slope[1]
+        """Return the gradient (dim, points, n) of a Q2 field ``nodal`` (nodes, n)."""
+        return total(self.inverse[:, r] * (slope @ nodal)
+                     for r, slope in enumerate(self.rule.slope))
 
     def pull_back(self, flux):
-        """Return weight * sum_i (d xi_r/d x_i) flux_i of ``flux``, both (2, points, n)."""
-        return self.weight * (self.inverse[0] * flux[0] + self.inverse[1] * flux[1])
+        """Return weight * sum_k (d xi_r/d x_k) flux_k of ``flux``, both (dim, points, n)."""
+        return self.weight * total(inverse * part for inverse, part in zip(self.inverse, flux))
 
-
-def least_determinant(x):
-    """Return the minimum (n,) of the determinant over Gauss points and corners, d^2."""
-    return _map(_ALL_SLOPES, x)[1].min(axis=0)
-
-
-def side_force(x, traction):
-    """Return the nodal forces (2, 3, n) of a traction on the sides of n elements, stress times d.
-
-    ``x`` (2, 3, n) are the nodes of the sides, d, in the order of `SIDE_NODES`, and
-    ``traction(x, area)`` the force (2, 3, n) on pieces of the sides at points (2, 3, n), whose
-    outward normals times length are ``area`` (2, 3, n).
-    """
-    tangent = np.einsum("qa,ian->iqn", SIDE_SLOPE, x)
-    force = traction(np.einsum("qa,ian->iqn", SIDE_SHAPE, x),
-                     np.array([tangent[1], -tangent[0]]))
-    return np.einsum("q,qa,iqn->ian", WEIGHTS_1D, SIDE_SHAPE, force)
-
-
-def _table(left, right, pattern):
-    """Products of shape functions: a row per pair of nodes, a column per factor."""
-    product = np.einsum(pattern, left, right)
-    return np.ascontiguousarray(product.reshape(product.shape[0] * product.shape[1], -1))
-
-
-# An entry of an element matrix is a sum over Gauss points q and directions r, s of a factor of the
-# element times a product of shape functions. With tables of these products, all entries of all
-# elements are matrix products (pairs, factors) @ (factors, elements).
-SLOPE_SLOPE = _table(SHAPE_SLOPE, SHAPE_SLOPE, "rqa,sqb->abrsq")
-SLOPE_VALUE = _table(SHAPE_SLOPE, SHAPE, "rqa,qb->abrq")
-VALUE_SLOPE = _table(SHAPE, SHAPE_SLOPE, "qa,sqb->absq")
-VALUE_VALUE = _table(SHAPE, SHAPE, "qa,qb->abq")
-SLOPE_CORNER = _table(SHAPE_SLOPE, CORNER_SHAPE, "rqa,qb->abrq")
-CORNER_SLOPE = _table(CORNER_SHAPE, SHAPE_SLOPE, "qa,sqb->absq")
-VALUE_CORNER = _table(SHAPE, CORNER_SHAPE, "qa,qb->abq")
-CORNER_CORNER = _table(CORNER_SHAPE, CORNER_SHAPE, "qa,qb->abq")
+    def area(self, side):
+        """Return the outward normals times area (dim, points, n) at the points of a side's rule."""
+        axis, end = SIDES[side]
+        return end * self.weight * self.inverse[:, axis]

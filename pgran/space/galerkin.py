@@ -11,7 +11,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from . import multigrid
-from .element import NODES
+from .element import element
+from .grid import indices
 from .matrix import scatter_adds, stored_values
 
 #: Coarse elements whose entries are summed at a time.
@@ -27,9 +28,9 @@ class GalerkinMatrix:
     Parameters
     ----------
     fine, coarse : pgran.space.multigrid.NodeLevel
-    batches : list of (ndarray, ndarray, ndarray, ndarray)
+    batches : list of (ndarray, ndarray, ndarray)
         For each batch of fine elements, the columns of the elements that this rank sums, (n,),
-        their indices i and j, and their prescribed unknowns, field by field, (m, n) bool.
+        their indices (dim, n), and their prescribed unknowns, field by field, (m, n) bool.
     blocked : bool
         Whether the matrix is BAIJ; AIJ otherwise.
     """
@@ -40,30 +41,35 @@ class GalerkinMatrix:
 
     def __init__(self, fine, coarse, batches, blocked=True):
         self._level, self._dof, self._blocked = coarse, coarse.dof, blocked
-        (of_x, kind_x, maps_x), (of_y, kind_y, maps_y) = (
-            _children(fine, coarse, axis) for axis in range(2))
-        i, j = (np.concatenate([batch[part] for batch in batches]) for part in (1, 2))
-        corner, ends = (np.array([reach(of_x[i]), reach(of_y[j])]) for reach in (np.min, np.max))
-        self._first, self._shape = corner, ends - corner + 1
+        self._element = element(len(coarse.at))
+        parents, kinds, maps = zip(*(
+            _children(fine, coarse, axis) for axis in range(self._element.dim)))
+        fine_index = np.concatenate([index for _, index, _ in batches], axis=1)
+        parent = [of[index] for of, index in zip(parents, fine_index)]
+        self._ranges = [(of.min(), of.max() + 1) for of in parent]
+        self._shape = [stop - start for start, stop in self._ranges]
         self._count = int(np.prod(self._shape))
+        self._index = indices(self._ranges)
         self._held, self._steps = self._prescribed(), []
-        for columns, i, j, held in batches:
-            steps = []
-            target = (of_y[j] - corner[1]) * self._shape[0] + of_x[i] - corner[0]
-            kind = kind_y[j] * len(maps_x) + kind_x[i]
+        for columns, index, held in batches:
+            steps, target, kind, stride = [], 0, 0, 1
+            for axis, along in enumerate(index):
+                target = target + (parents[axis][along] - self._ranges[axis][0]) * stride
+                kind = kind * len(maps[axis]) + kinds[axis][along]
+                stride *= self._shape[axis]
             for number in np.unique(kind):
                 chosen = np.flatnonzero(kind == number)
-                up = np.kron(maps_y[number // len(maps_x)], maps_x[number % len(maps_x)])
+                up = np.ones((1, 1))
+                for one, along in zip(maps, np.unravel_index(number, [len(one) for one in maps])):
+                    up = np.kron(one[along], up)
                 steps.append((_range(columns[chosen]), _range(target[chosen]), up.T.copy()))
             some = np.flatnonzero(held.any(axis=0))
-            free = ~held[:, some].reshape(self._dof, NODES, -1)
+            free = ~held[:, some].reshape(self._dof, self._element.nodes, -1)
             self._steps.append((steps, columns[some], free.astype(float)))
 
     def elements(self):
         """Return the local coarse elements as one of the ``batches`` of a coarser matrix."""
-        columns = np.arange(self._count)
-        j, i = np.divmod(columns, self._shape[0])
-        return columns, self._first[0] + i, self._first[1] + j, self._held
+        return np.arange(self._count), self._index, self._held
 
     def create(self):
         """Return a new matrix of zeros, which belongs to the caller. Collective."""
@@ -89,35 +95,31 @@ class GalerkinMatrix:
 
     def _neighbours(self):
         """Maximum numbers of neighbours of owned nodes on this rank and on others, (n,) each."""
-        level, widths, inside = self._level, [], []
-        for low, high in level.range:
-            index = np.arange(low, high)
-            reach = np.where(index % 2 == 0, 2, 1)
-            widths.append(2 * reach + 1)
-            inside.append((low <= index - reach) & (index + reach < high))
-        total = np.multiply.outer(widths[1], widths[0]).ravel()
+        level = self._level
+        index = indices(level.ranges)
+        reach = np.where(index % 2 == 0, 2, 1)
+        low, high = (np.array(ends)[:, None] for ends in zip(*level.ranges))
+        interior = ((low <= index - reach) & (index + reach < high)).all(axis=0)
+        total = np.prod(2 * reach + 1, axis=0)
         own = level.held.size // self._dof
         others = level.comm.tompi4py().allreduce(own) - own
-        interior = np.logical_and.outer(inside[1], inside[0]).ravel()
         return [counts.astype(PETSc.IntType) for counts in (
             np.minimum(total, own), np.where(interior, 0, np.minimum(total, others)))]
 
     def _batches(self):
         """Slices of the local coarse elements that are complete rows."""
-        step = max(1, BATCH // self._shape[0]) * self._shape[0]
+        row = self._shape[0]
+        step = max(1, BATCH // row) * row
         return [slice(start, min(start + step, self._count))
                 for start in range(0, self._count, step)]
 
     def _numbers(self, batch):
         """The global numbers of the unknowns of local coarse elements, field by field, (m, n)."""
-        level, a = self._level, np.arange(NODES)[:, None]
-        element = np.arange(batch.start, batch.stop)
-        i, j = (2 * (first + index) + more for first, index, more in zip(
-            self._first, np.divmod(element, self._shape[0])[::-1], (a % 3, a // 3)))
-        i, j = (index % (2 * n) if wrap else index for index, n, wrap in zip(
-            (i, j), level.shape, level.periodic))
-        return np.concatenate([level.number(i, j) * self._dof + field
-                               for field in range(self._dof)])
+        level = self._level
+        index = 2 * self._index[:, None, batch] + self._element.offsets[:, :, None]
+        number = level.number(*(part % (2 * n) if wrap else part for part, n, wrap in zip(
+            index, level.shape, level.periodic)))
+        return np.concatenate([number * self._dof + field for field in range(self._dof)])
 
     def _prescribed(self):
         """The prescribed unknowns of the local coarse elements, field by field, (m, n)."""
@@ -126,7 +128,7 @@ class GalerkinMatrix:
         flags.setArray(self._level.held.astype(float))
         wanted = PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
         PETSc.Scatter().create(flags, wanted, found, None).scatter(flags, found)
-        return found.getArray()[inverse].reshape(NODES * self._dof, -1) > 0.5
+        return found.getArray()[inverse].reshape(self._element.nodes * self._dof, -1) > 0.5
 
     def _find_positions(self, matrix):
         """Find the positions of the entries of the coarse element matrices in a matrix."""
@@ -161,32 +163,33 @@ class GalerkinMatrix:
 
     def _in_order(self, values):
         """Values (m, m, n) of rows and columns, field by field, in the order of `filling`."""
-        parts = values.reshape(self._dof, NODES, self._dof, NODES, -1)
+        nodes = self._element.nodes
+        parts = values.reshape(self._dof, nodes, self._dof, nodes, -1)
         return np.moveaxis(parts, 2, 1).ravel()
 
     @contextmanager
     def filling(self, matrix):
         """Give ``add(number, out)``, which adds the entries (n_all, n) of a batch. Collective."""
-        dof = self._dof
-        total = np.zeros((dof * dof, NODES, NODES, self._count))
+        dof, nodes = self._dof, self._element.nodes
+        total = np.zeros((dof * dof, nodes, nodes, self._count))
 
         def add(number, out):
-            fine = out[:(NODES * dof)**2].reshape(dof * dof, NODES, NODES, -1)
+            fine = out[:(nodes * dof)**2].reshape(dof * dof, nodes, nodes, -1)
             steps, some, free = self._steps[number]
             if some.size:  # entries of prescribed unknowns, which no other matrix uses
                 both = free[:, None, :, None] * free[None, :, None, :]
-                fine[..., some] *= both.reshape(dof * dof, NODES, NODES, -1)
+                fine[..., some] *= both.reshape(dof * dof, nodes, nodes, -1)
             for chosen, target, down in steps:
-                part = np.matmul(down, fine[..., chosen].reshape(dof * dof * NODES, NODES, -1))
-                part = np.matmul(down, part.reshape(dof * dof, NODES, -1))
-                total[..., target] += part.reshape(dof * dof, NODES, NODES, -1)
+                part = np.matmul(down, fine[..., chosen].reshape(dof * dof * nodes, nodes, -1))
+                part = np.matmul(down, part.reshape(dof * dof, nodes, -1))
+                total[..., target] += part.reshape(dof * dof, nodes, nodes, -1)
 
         yield add
         self._write(total, matrix)
         if self.coarser:
             part, other = self.coarser
             with part.filling(other) as add_all:
-                add_all(0, total.reshape((NODES * dof)**2, -1))
+                add_all(0, total.reshape((nodes * dof)**2, -1))
 
     def _write(self, total, matrix):
         """Sum the matrices of coarse elements, blocks by (nodes, nodes, n), into a matrix."""
@@ -212,7 +215,7 @@ def first_batches(form):
     for batch in form.batches:
         chosen = grid.elements.owned
         chosen = chosen[(batch.start <= chosen) & (chosen < batch.stop)]
-        found.append((chosen - batch.start, grid.element_i[chosen], grid.element_j[chosen],
+        found.append((chosen - batch.start, grid.elements.index[:, chosen],
                       form.held[rows[:, chosen]]))
     return found
 
@@ -267,12 +270,12 @@ def requested():
 def _children(fine, coarse, axis):
     """Coarse element and kind of each fine element, and the interpolation of each kind."""
     kept, count = coarse.kept[axis], fine.shape[axis]
-    element = np.searchsorted(kept[2:-1:2], 2 * np.arange(count) + 1)
+    parent = np.searchsorted(kept[2:-1:2], 2 * np.arange(count) + 1)
     ends, inner = coarse.at[axis], fine.at[axis]
     maps = np.array([multigrid.lagrange(np.repeat(ends[None, 2 * c:2 * c + 3], 3, axis=0),
-                                        inner[2 * e:2 * e + 3]) for e, c in enumerate(element)])
+                                        inner[2 * e:2 * e + 3]) for e, c in enumerate(parent)])
     _, first, kind = np.unique(np.round(maps, 12), axis=0, return_index=True, return_inverse=True)
-    return element, kind.ravel(), maps[first]
+    return parent, kind.ravel(), maps[first]
 
 
 def _range(index):

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from petsc4py import PETSc
 
+from .grid import indices
+
 #: Points whose rows are created at a time.
 CHUNK = 8192
 
@@ -252,10 +254,9 @@ class Sparsity:
         numbers, used, offset = [], [], 0
         for target in self._columns:
             dof, (start, count) = target.dof, _span(reach, target)
-            maximum = 2 * target.per_element + 1
-            b, a = (index.ravel() for index in np.mgrid[:maximum, :maximum])
-            inside = (a < count[0][:, None]) & (b < count[1][:, None])
-            point = target.index(start[0][:, None] + a, start[1][:, None] + b)
+            near = indices([(0, 2 * target.per_element + 1)] * len(reach))
+            inside = np.all([part < size[:, None] for part, size in zip(near, count)], axis=0)
+            point = target.position(*(first[:, None] + part for first, part in zip(start, near)))
             number = offset + point[:, :, None] * dof + np.arange(dof)
             numbers.append(number.reshape(len(point), -1))
             used.append(np.repeat(inside, dof, axis=1))
@@ -270,17 +271,18 @@ class Sparsity:
         point = owned[row.points]
         safe = np.where(point < 0, 0, point)
         before = sum(widths[:self._columns.index(target)], np.zeros_like(widths[0]))
-        base = first[safe * dof + row.number] + before[safe] + column.number
-        i = target.i[column.points][None] - start[0][safe][:, None]
-        j = target.j[column.points][None] - start[1][safe][:, None]
-        number = base[:, None] + (j * count[0][safe][:, None] + i) * target.dof
+        number = (first[safe * dof + row.number] + before[safe] + column.number)[:, None]
+        stride = target.dof
+        for axis, index in enumerate(target.index):
+            number = number + (index[column.points] - start[axis][safe][:, None]) * stride
+            stride = stride * count[axis][safe][:, None]
         return np.where(point[:, None] < 0, self.size, number)
 
 
 def _reach(grid, lattice):
-    """The elements around each owned point: (first, last) in x1 and in x2."""
+    """The elements around each owned point, [(first, last)] along each axis."""
     spans = []
-    for index, n, wrap in zip((lattice.i, lattice.j), grid.shape, grid.periodic):
+    for index, n, wrap in zip(lattice.index, grid.shape, grid.periodic):
         index = index[lattice.owned]
         first, last = (index - 1) // lattice.per_element, index // lattice.per_element
         if not wrap:
@@ -290,7 +292,7 @@ def _reach(grid, lattice):
 
 
 def _span(reach, target):
-    """First index and count, in each direction, of the points of ``target`` in those elements."""
+    """First index and count, along each axis, of the points of ``target`` in those elements."""
     start = [target.per_element * first for first, _ in reach]
     count = [target.per_element * (last - first + 1) + 1 for first, last in reach]
     return start, count

@@ -6,8 +6,8 @@ fluidity has coarser grids. The preconditioner can therefore be chosen by option
     -pc_type fieldsplit -pc_fieldsplit_0_fields 0,1 -pc_fieldsplit_1_fields 2
     -fieldsplit_0_pc_type mg
 
-A coarser grid joins elements in pairs, in both directions; the last one of an odd number is kept.
-The Q2 spaces of the grids are nested.
+A coarser grid joins elements in pairs along each axis; the last one of an odd number is kept. The
+Q2 spaces of the grids are nested.
 """
 
 import numpy as np
@@ -15,6 +15,7 @@ from petsc4py import PETSc
 
 from ..options import ParameterError
 from .element import Geometry
+from .grid import indices
 
 
 def field_shell(form):
@@ -39,7 +40,7 @@ def node_level(form, names):
     held = np.array(sum((held[name] for name in names), []))[:, grid.nodes.owned]
     level = NodeLevel(grid.comm, [np.arange(2 * n + 1.0) for n in grid.shape], grid.periodic,
                       _starts(grid.nodes), len(held), held.T.ravel())
-    few = np.ceil(np.log2(max(1.0, np.prod(grid.shape) / form.case.max_coarse_elements)) / 2.0)
+    few = np.ceil(np.log2(max(1.0, np.prod(grid.shape) / form.case.max_coarse_elements)) / grid.dim)
     level.depth = min(level.coarsenings, max(resolving(form), int(few)))
     return level
 
@@ -52,18 +53,18 @@ def corner_level(form):
 
 
 def _starts(lattice):
-    """First index of each part of the ranks, and the end, in x1 and x2."""
+    """First index of each part of the ranks, and the end, along each axis."""
     return [np.concatenate([[0], np.cumsum(part)]) for part in lattice.dm.getOwnershipRanges()]
 
 
 def resolving(form):
     """Return how many coarsenings, at least 1, `Case.max_coarse_size` allows. Collective."""
     grid = form.grid
-    x = form.case.coordinates(grid.nodes.i, grid.nodes.j)
-    weight = Geometry(x[:, grid.element_nodes]).weight
-    area = grid.comm.tompi4py().allreduce(weight[:, grid.elements.owned].sum())
+    weight = Geometry(form.case.coordinates(*grid.nodes.index)[:, grid.element_nodes]).weight
+    volume = grid.comm.tompi4py().allreduce(weight[:, grid.elements.owned].sum())
     side = form.case.max_coarse_size * form.material.model.length
-    return max(1, int(np.floor(np.log2(side * np.sqrt(np.prod(grid.shape) / area)))))
+    return max(1, int(np.floor(np.log2(
+        side * (np.prod(grid.shape) / volume)**(1.0 / grid.dim)))))
 
 
 class NodeLevel:
@@ -74,13 +75,13 @@ class NodeLevel:
     Parameters
     ----------
     at : list of ndarray
-        Coordinates of the nodes along x1 and x2; if periodic, the first is repeated at the end.
+        Coordinates of the nodes along each axis; if periodic, the first is repeated at the end.
     starts : list of ndarray
-        First node index of each part of the ranks, and the end, in x1 and x2.
+        First node index of each part of the ranks, and the end, along each axis.
     held : ndarray of bool, (n_owned,)
         Which of the ``dof`` unknowns of each node are prescribed, node by node.
     kept : list of ndarray, optional
-        Numbers of the nodes of the finer level that this level has, along x1 and x2.
+        Numbers of the nodes of the finer level that this level has, along each axis.
     degree : int
         2 for Q2 nodes, 1 for corners.
     """
@@ -92,9 +93,9 @@ class NodeLevel:
         self.comm, self.at, self.periodic, self.starts = comm, at, periodic, starts
         self.dof, self.held, self.kept, self.degree = dof, held, kept, degree
         self.shape = tuple((len(x) - 1) // degree for x in at)
-        part = comm.rank % (len(starts[0]) - 1), comm.rank // (len(starts[0]) - 1)
-        self.range = [(start[k], start[k + 1]) for start, k in zip(starts, part)]
-        counts = np.outer(np.diff(starts[1]), np.diff(starts[0])).ravel()
+        parts = indices([(0, len(start) - 1) for start in starts])  # of all ranks
+        self.ranges = [(start[k], start[k + 1]) for start, k in zip(starts, parts[:, comm.rank])]
+        counts = np.prod([np.diff(start)[part] for start, part in zip(starts, parts)], axis=0)
         self._first = np.concatenate([[0], np.cumsum(counts)])
         #: Number of coarsenings until one element is left.
         self.coarsenings = (max(self.shape) - 1).bit_length()
@@ -105,29 +106,35 @@ class NodeLevel:
             raise ParameterError("pc_mg_levels", None, "too many levels; a grid of one element "
                                  "cannot be coarsened", prefix="")
         kept = [_joined_nodes(n, self.degree) for n in self.shape]
-        chosen = np.ix_(*(np.isin(np.arange(*span), nodes)
-                          for span, nodes in zip(reversed(self.range), reversed(kept))))
-        held = self.held.reshape([np.diff(span)[0] for span in reversed(self.range)] + [self.dof])
+        chosen = np.all([np.isin(index, nodes) for index, nodes in zip(
+            indices(self.ranges), kept)], axis=0)
         return NodeLevel(self.comm, [x[nodes] for x, nodes in zip(self.at, kept)], self.periodic,
                          [np.searchsorted(nodes, start) for nodes, start in zip(kept, self.starts)],
-                         self.dof, held[chosen].ravel(), kept, self.degree)
+                         self.dof, self.held.reshape(-1, self.dof)[chosen].ravel(), kept,
+                         self.degree)
 
-    def number(self, i, j):
-        """Return the numbers among the nodes of all ranks of global indices ``i``, ``j``."""
-        parts = [np.searchsorted(start, index, side="right") - 1
-                 for start, index in zip(self.starts, (i, j))]
-        (i0, i1), (j0, _) = [(start[part], start[part + 1])
-                             for start, part in zip(self.starts, parts)]
-        rank = parts[1] * (len(self.starts[0]) - 1) + parts[0]
-        return self._first[rank] + (j - j0) * (i1 - i0) + i - i0
+    def number(self, *index):
+        """Return the numbers among the nodes of all ranks of global indices along each axis."""
+        rank = local = 0
+        ranks = stride = 1
+        for start, along in zip(self.starts, index):
+            part = np.searchsorted(start, along, side="right") - 1
+            rank, ranks = rank + part * ranks, ranks * (len(start) - 1)
+            local = local + (along - start[part]) * stride
+            stride = stride * (start[part + 1] - start[part])
+        return self._first[rank] + local
 
     def interpolation(self, fine):
         """Return the interpolation to the next finer level; it keeps prescribed unknowns."""
-        (i, across), (j, up) = (
-            self._along(axis, fine.range[axis], fine.at[axis]) for axis in range(2))
-        dof, n, around = self.dof, fine.held.size // self.dof, (self.degree + 1)**2
-        weight = (up[:, None, :, None] * across[None, :, None, :]).reshape(n, around)
-        node = self.number(i[None, :, None, :], j[:, None, :, None]).reshape(n, around)
+        dim, dof, n = len(self.at), self.dof, fine.held.size // self.dof
+        nodes, weight, around = [], 1.0, (self.degree + 1)**dim
+        for axis in range(dim):
+            node, factor = self._along(axis, fine.ranges[axis], fine.at[axis])
+            shape = [1] * 2 * dim  # fine and coarse nodes along the axes, the last axis first
+            shape[dim - 1 - axis], shape[2 * dim - 1 - axis] = node.shape
+            nodes.append(node.reshape(shape))
+            weight = factor.reshape(shape) * weight
+        weight, node = weight.reshape(n, around), self.number(*nodes).reshape(n, around)
         used = np.repeat(weight[:, None] != 0.0, dof, axis=1)  # (fine nodes, dof, coarse nodes)
         start = np.concatenate([[0], np.cumsum(used.sum(axis=2))])
         column = (node * dof)[:, None] + np.arange(dof)[:, None]
@@ -138,11 +145,10 @@ class NodeLevel:
         free = self.vector()
         free.setArray(np.where(self.held, 0.0, 1.0))
         matrix.diagonalScale(None, free)
-        (i0, i1), (j0, j1) = self.range
-        j, i = (index.ravel() for index in np.mgrid[j0:j1, i0:i1])
+        index = indices(self.ranges)
         rows, columns = ((level.number(*nodes)[:, None] * dof + np.arange(dof)).ravel()[
             self.held].astype(PETSc.IntType) for level, nodes in (
-                (fine, (self.kept[0][i], self.kept[1][j])), (self, (i, j))))
+                (fine, [kept[part] for kept, part in zip(self.kept, index)]), (self, index)))
         matrix.setValuesIJV(np.arange(rows.size + 1, dtype=PETSc.IntType), columns,
                             np.ones(rows.size), rowmap=rows)
         matrix.assemble()

@@ -1,4 +1,4 @@
-"""Kinematics and response of the material at quadrature points of a batch of elements.
+"""Strain rate and response of the material at quadrature points of a batch of elements.
 
 Arrays are (points, n): point first, element last.
 """
@@ -6,8 +6,7 @@ Arrays are (points, n): point first, element last.
 import numpy as np
 
 from ..material.models import WithDerivatives
-from . import element
-from .element import DIM, NODES
+from .element import Geometry, total
 
 
 def secant(slope, curvature, change):
@@ -32,36 +31,43 @@ def _add_decay(source, decay, g):
 
 
 class BatchPoints:
-    """Kinematics and `Response` at the Gauss points of a batch of elements.
+    """Strain rate and `Response` at the Gauss points of a batch of elements.
 
     Attributes
     ----------
-    gradients : list
-        gradients[i][j] = d v_i/d x_j, (points, n), base flow included.
+    gradients : list of list
+        gradients[c][k] = d v_c/d x_k, (points, n), base flow included.
+    over_r : ndarray or None
+        v_c/r, (c, points, n), with rotational symmetry.
     nodal : ndarray, (rows, n)
         Unknowns of the elements, block by block; ``nodal_g`` (nodes, n) are the fluidities or None.
-    d11, d22, d12, gdot, P, divergence : ndarray, (points, n)
-        Effective strain rate D~ = D + theta S/2 and its magnitude, pressure, and div v.
+    rate : ndarray, (m, points, n)
+        Effective strain rate D~ = D + theta S/2 in Mandel notation.
+    gdot, P, divergence : ndarray, (points, n)
+        The magnitude of D~, the pressure, and div v.
     """
 
     def __init__(self, form, local, increment, number):
         grid, batch = form.grid, form.batches[number]
+        self.element, self.kinematics = grid.element, grid.kinematics
         self.nodal = nodal = local[grid.element_unknowns[:, batch]]
         self.elements = nodal.shape[1]
-        self.geometry = increment.geometry[batch]
+        self.geometry = geometry = increment.geometry[batch]
+        self.nodes, self._x = grid.element_nodes[:, batch], increment.x
         self._base, theta = form.case.base_gradient, increment.theta
         self._nodal_velocity = [nodal[grid.blocks[name]] for name in grid.velocities]
-        self.gradients = [self.geometry.gradient(part) + np.reshape(row, (DIM, 1, 1))
+        self.gradients = [geometry.gradient(part) + np.reshape(row, (-1, 1, 1))
                           for part, row in zip(self._nodal_velocity, self._base)]
-        (l11, l12), (l21, l22) = self.gradients
-        s11, s22, s12 = increment.stress[:, :, batch] * (theta / 2.0)
-        self.divergence = l11 + l22
-        self.d11, self.d22, self.d12 = l11 + s11, l22 + s22, (l12 + l21) / 2.0 + s12
-        self.gdot = np.sqrt(2.0 * (self.d11**2 + self.d22**2) + 4.0 * self.d12**2)
-        self.P = element.CORNER_SHAPE @ nodal[grid.blocks["P"]]
-        self.nodes, self._x = grid.element_nodes[:, batch], increment.x
+        self.over_r = None
+        if geometry.over_r is not None:
+            self.over_r = self.total_velocity * geometry.over_r
+        self.rate = self.kinematics.strain_rate(self.gradients, self.over_r)
+        self.divergence = total(self.rate[m] for m in self.kinematics.normal)
+        self.rate += increment.stress[:, :, batch] * (theta / 2.0)
+        self.gdot = np.sqrt(2.0 * (self.rate**2).sum(axis=0))
+        self.P = self.element.corner_shape @ nodal[grid.blocks["P"]]
         self.nodal_g = nodal[grid.blocks["g"]] if grid.has_fluidity else None
-        fluidity = element.SHAPE @ self.nodal_g if grid.has_fluidity else None
+        fluidity = self.element.shape @ self.nodal_g if grid.has_fluidity else None
         self._material, self._law = form.material, form.laws[number]
         self.response = form.material.model.response(
             self._law, form.material.inverse_time(self.P), self.gdot, self.P, fluidity, theta)
@@ -71,27 +77,38 @@ class BatchPoints:
 
     @property
     def nodal_x(self):
-        """Coordinates of the nodes, (2, nodes, n)."""
+        """Coordinates of the nodes, (dim, nodes, n)."""
         return self._x[:, self.nodes]
 
     @property
     def x(self):
-        """Coordinates of the points, (2, points, n)."""
-        return element.SHAPE @ self.nodal_x
+        """Coordinates of the points, (dim, points, n)."""
+        return self.element.shape @ self.nodal_x
 
     @property
     def velocity(self):
-        """Velocity at the points without the base flow, (2, points, n)."""
-        return np.array([element.SHAPE @ part for part in self._nodal_velocity])
+        """Velocity at the points without the base flow, (c, points, n)."""
+        return np.array([self.element.shape @ part for part in self._nodal_velocity])
 
     @property
     def total_velocity(self):
-        """Velocity at the points with the base flow, (2, points, n), d gdot0."""
+        """Velocity at the points with the base flow, (c, points, n), d gdot0."""
         return self.velocity + np.tensordot(self._base, self.x, 1)
 
     def deviator(self):
-        """Return sigma' = 2 viscosity D~, (3, points, n): 11, 22, 12."""
-        return 2.0 * self.response.viscosity.value * np.array([self.d11, self.d22, self.d12])
+        """Return sigma' = 2 viscosity D~, (m, points, n)."""
+        return 2.0 * self.response.viscosity.value * self.rate
+
+    def stress(self):
+        """Return sigma = sigma' - P 1, (m, points, n)."""
+        stress = self.deviator()
+        for m in self.kinematics.normal:
+            stress[m] -= self.P
+        return stress
+
+    def operators(self):
+        """Return the `pgran.kinematics.Kinematics.operators` S at the points."""
+        return self.kinematics.operators(self.geometry.inverse, self.geometry.over_r)
 
     def spurious_root(self):
         """Return `Model.spurious_root` at the points, (points, n)."""
@@ -117,13 +134,15 @@ class BatchPoints:
             getattr(source, name) + change * getattr(mu, name)
             for name in ("rate", "pressure", "fluidity")))
 
-    def direction_pulled_back(self):
-        """Return sum_k n_ik d xi_r/d x_k with n = 2 D~/gdot~ (0 at rest), (2, 2, points, n)."""
-        scale = 2.0 / np.where(self.gdot > 0.0, self.gdot, np.inf)
-        n11, n22, n12 = scale * self.d11, scale * self.d22, scale * self.d12
-        inverse = self.geometry.inverse
-        return np.array([n11 * inverse[0] + n12 * inverse[1],
-                         n12 * inverse[0] + n22 * inverse[1]])
+    def direction(self):
+        """Return n = 2 D~/gdot~, 0 at rest, (m, points, n)."""
+        return self.rate * (2.0 / np.where(self.gdot > 0.0, self.gdot, np.inf))
+
+
+def contracted(operators, tensor):
+    """Return sum_m S[c][m] T_m for each c, [(slots, points, n)], of a tensor T (m, points, n)."""
+    return [total(S * (tensor[m] if factor == 1.0 else factor * tensor[m])
+                  for m, (factor, S) in parts.items()) for parts in operators]
 
 
 class RulePoints:
@@ -138,7 +157,7 @@ class RulePoints:
     def __init__(self, form, p, rule, chosen, law, nodes):
         self.rule, self.chosen, self.nodes = rule, chosen, np.array(nodes)
         self.tests, blocks = rule.shape[:, self.nodes], form.grid.blocks
-        self.weight = element.Geometry(p.nodal_x[..., chosen], rule).weight
+        self.weight = Geometry(p.nodal_x[..., chosen], rule, p.kinematics.axisymmetric).weight
         P = rule.corner_shape @ p.nodal[blocks["P"]][:, chosen]
         self.arguments = (law, form.material.inverse_time(P),
                           rule.from_gauss @ p.response.stress_ratio[:, chosen], P,
@@ -149,7 +168,8 @@ class WallPoints(RulePoints):
     """The condition g - g_loc = 0 at the Gauss points of the sides of elements on a wall."""
 
     def __init__(self, form, p, side, chosen, law):
-        super().__init__(form, p, element.SIDES[side], chosen, law, element.SIDE_NODES[side])
+        super().__init__(form, p, p.element.side_rules[side], chosen, law,
+                         p.element.side_nodes[side])
         self.value = form.material.model.fluidity_excess(*self.arguments)
 
 
@@ -160,7 +180,7 @@ class SurfacePoints(RulePoints):
     """
 
     def __init__(self, form, p, rule, chosen, law, defect=None):
-        super().__init__(form, p, rule, chosen, law, range(NODES))
+        super().__init__(form, p, rule, chosen, law, range(p.element.nodes))
         model = form.material.model
         self.value = model.source(*self.arguments)
         if p.decay:

@@ -6,10 +6,11 @@ For all test functions (w, h, q), with sigma = -P 1 + sigma'::
     tau (h, dg/dt) + A^2 d^2 (grad h, grad g) + (h, F) = 0                    (2.5), over xi^2
     -(q, div v) = 0                                                          (2.9)
 
-Dv/Dt is dv/dt at nodes that move with the material, and dv/dt + (v.grad) v on a fixed mesh.
-sigma', F, tau and A^2 d^2 come from the model (`pgran.material.models`), the tractions t and the
-body force b from the case. The elements are evaluated in batches that fit into the cache. Arrays of
-a batch are (Gauss points, n elements).
+Dv/Dt is dv/dt at nodes that move with the material, and dv/dt + (v.grad) v on a fixed mesh. grad w
+is the strain operator of the kinematics (`pgran.kinematics`). sigma', F, tau and A^2 d^2 come from
+the model (`pgran.material.models`), the tractions t and the body force b from the case. The
+elements are evaluated in batches that fit into the cache. Arrays of a batch are (Gauss points, n
+elements).
 """
 
 import os
@@ -21,15 +22,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from .. import cases
-from ..material.elasticity import COMPONENTS
 from ..options import ParameterError
-from . import element
-from .element import DIM, NODES, POINTS
+from .element import Geometry, table, total
 from .grid import Grid
 from .matrix import Field, InPlaceMatrix, ScatterAdd, Unknowns, fill
-from .points import BatchPoints, SurfacePoints, WallPoints
+from .points import BatchPoints, SurfacePoints, WallPoints, contracted
 
-BATCH = 512
+#: Elements of a batch, by dimensions.
+BATCH = {2: 512, 3: 24}
 #: Minimum memory of an unknown, for its rows of the matrix and their positions, bytes.
 LEAST_BYTES = 1000
 
@@ -48,13 +48,14 @@ def discretise(parameters, comm):
                              "cooperativity length; use a local model such as li")
     case = cases.create(parameters)
     _check_size(parameters, case, comm)
-    grid = Grid(comm, case.shape, case.periodic, fluidity=case.material.model.has_fluidity)
+    grid = Grid(comm, case.shape, case.periodic, case.material.model.has_fluidity,
+                case.kinematics)
     return WeakForm(grid, case)
 
 
 def _check_size(parameters, case, comm):
     """Refuse a grid that PETSc cannot number or this machine cannot hold."""
-    (nx, ny), unknowns, problem = case.shape, case.unknowns, ""
+    unknowns, problem = case.unknowns, ""
     needed = LEAST_BYTES * unknowns / comm.size
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if unknowns > np.iinfo(PETSc.IntType).max:
@@ -64,18 +65,18 @@ def _check_size(parameters, case, comm):
         problem = (f"which need at least {needed / 2**30:.3g} GB per rank, and this machine has "
                    f"{memory / 2**30:.3g} GB; larger elements, or more machines")
     if problem:
-        raise ParameterError("case", parameters.case, f"its {nx} x {ny} elements make "
-                             f"{unknowns:.3g} unknowns, {problem}")
+        raise ParameterError("case", parameters.case, f"its {' x '.join(map(str, case.shape))} "
+                             f"elements make {unknowns:.3g} unknowns, {problem}")
 
 
 def _batches(grid):
     """The elements of a rank in slices of several complete rows, or of equal parts of a row."""
-    n = grid.n_elements
-    row = np.count_nonzero(grid.element_j == grid.element_j[0])
-    if row <= BATCH:
-        ends = np.arange(0, n, row * (BATCH // row))
+    n, size = grid.n_elements, BATCH[grid.dim]
+    row = np.count_nonzero((grid.elements.index[1:] == grid.elements.index[1:, :1]).all(axis=0))
+    if row <= size:
+        ends = np.arange(0, n, row * (size // row))
     else:
-        cuts = np.linspace(0, row, -(-row // BATCH), endpoint=False).astype(int)
+        cuts = np.linspace(0, row, -(-row // size), endpoint=False).astype(int)
         ends = (np.arange(0, n, row)[:, None] + cuts).ravel()
     return [slice(first, last) for first, last in zip(ends, [*ends[1:], n])]
 
@@ -84,14 +85,14 @@ def _batches(grid):
 class Increment:
     """What is fixed while Newton's method solves one time step."""
 
-    x: np.ndarray  #: Coordinates of the mesh, (2, n_nodes), d.
-    #: Old deviator S11, S22, S12, already rotated with the material, (3, points, n), stress.
+    x: np.ndarray  #: Coordinates of the mesh, (dim, n_nodes), d.
+    #: Old deviator S, already rotated with the material, (m, points, n), stress.
     stress: np.ndarray
     theta: float  #: Compliance f/(G dt) of the elastic element; 0 if rigid-viscous.
     prescribed: np.ndarray  #: Prescribed values, NaN where an unknown is free, (n_local,).
     prescribed_rate: np.ndarray  #: Their rates of change, (n_local,).
-    geometry: element.Geometry
-    load: np.ndarray  #: Nodal forces of the tractions, (2, n_nodes), stress times d.
+    geometry: Geometry
+    load: np.ndarray  #: Nodal forces of the tractions, (c, n_nodes), stress times d.
     #: eps in F + eps g, which limits the cooperativity length to A d/sqrt(eps).
     decay: float = 0.0
 
@@ -104,11 +105,12 @@ class WeakForm:
 
     def __init__(self, grid, case):
         self.grid, self.case, self.material = grid, case, case.material
+        self.element, self.kinematics = grid.element, grid.kinematics
         density = self.material.bulk_density if case.parameters.inertia else 0.0
         self.storage = {"velocity": density, "fluidity": 0.0, **self.material.model.storage}
         self.convective = bool(density) and not case.moving
         self.batches = _batches(grid)
-        self._yield_factor = case.yield_factor(grid.element_i, grid.element_j)
+        self._yield_factor = case.yield_factor(*grid.elements.index)
         self.laws = [self._law_of(batch) for batch in self.batches]
         self._walls = [self._walls_of(batch) for batch in self.batches]
         self._surfaces = [self._surfaces_of(batch) for batch in self.batches]
@@ -138,7 +140,7 @@ class WeakForm:
         return self._with_laws(batch, [
             (rule, (layers.argmin(axis=0) == number) & (layers[number] == layer))
             for number, side in enumerate(sides)
-            for layer, rule in enumerate(element.SURFACES[side])])
+            for layer, rule in enumerate(self.element.surface_rules[side])])
 
     def _source_weight(self, weight, number):
         """The Gauss weights (points, n) of the fluidity source, zero where another rule applies."""
@@ -153,26 +155,32 @@ class WeakForm:
         rates = np.zeros_like(values)
         if rate_from is not None and time > rate_from:
             rates = (values - self.prescribed(rate_from)) / (time - rate_from)
-        load = np.zeros((DIM, self.grid.nodes.size))
+        return Increment(x, stress, theta, values, rates, self.grid.geometry(x),
+                         self._loads(x, time))
+
+    def _loads(self, x, time):
+        """The nodal forces (c, n_nodes) of the tractions at a time, stress times d."""
+        grid, load = self.grid, np.zeros((self.kinematics.velocities, self.grid.nodes.size))
         for side, traction in self.case.tractions(time).items():
-            nodes = self.grid.side_nodes(side)
-            force = element.side_force(x[:, nodes], traction)
-            for i in range(DIM):
-                load[i] += np.bincount(nodes.ravel(), force[i].ravel(),
-                                       minlength=self.grid.nodes.size)
-        return Increment(x, stress, theta, values, rates,
-                         element.Geometry(x[:, self.grid.element_nodes]), load)
+            elements, rule = grid.side_elements(side), self.element.side_rules[side]
+            points = rule.shape @ x[:, grid.element_nodes[:, elements]]
+            force = traction(points, grid.geometry(x, elements, rule).area(side))
+            nodes, tests = grid.side_nodes(side), rule.shape[:, self.element.side_nodes[side]]
+            for loads, part in zip(load, force):
+                loads += np.bincount(nodes.ravel(), (tests.T @ part).ravel(),
+                                     minlength=grid.nodes.size)
+        return load
 
     def no_stress(self):
-        """Return a deviator of zeros, (3, points, n)."""
-        return np.zeros((COMPONENTS, POINTS, self.grid.n_elements))
+        """Return a deviator of zeros, (m, points, n)."""
+        return np.zeros((len(self.kinematics), self.element.points, self.grid.n_elements))
 
     def prescribed(self, time):
         """Return the prescribed unknowns (n_local,) at a time, NaN where free."""
         nodes, corners, case = self.grid.nodes, self.grid.corners, self.case
-        return self.grid.join(case.prescribed_velocity(time, nodes.i, nodes.j),
-                              case.prescribed_fluidity(time, nodes.i, nodes.j),
-                              case.prescribed_pressure(time, corners.i, corners.j))
+        return self.grid.join(case.prescribed_velocity(time, *nodes.index),
+                              case.prescribed_fluidity(time, *nodes.index),
+                              case.prescribed_pressure(time, *corners.index))
 
     # Values at the Gauss points
 
@@ -185,7 +193,7 @@ class WeakForm:
         return np.concatenate(parts, axis=-1)
 
     def stress(self, local, increment):
-        """Return the new stress deviator (3, points, n), stress."""
+        """Return the new stress deviator (m, points, n), stress."""
         return self.collect(local, increment, lambda p: p.deviator())
 
     def inertial_number(self, local, increment):
@@ -230,35 +238,34 @@ class WeakForm:
 
     def _element_forces(self, local, rate, increment, number, out):
         """Put the forces of a batch into ``out``, (rows, n)."""
-        p, blocks = BatchPoints(self, local, increment, number), self.grid.blocks
-        unknowns = self.grid.element_unknowns[:, self.batches[number]]
-        s11, s22, s12 = p.deviator()
-        weight = p.geometry.weight
-        slopes = element.SHAPE_SLOPE.reshape(DIM * POINTS, NODES).T
-        case, density = self.case, self.storage["velocity"]
+        p, blocks, e = BatchPoints(self, local, increment, number), self.grid.blocks, self.element
+        unknowns, weight = self.grid.element_unknowns[:, self.batches[number]], p.geometry.weight
+        stress, case, density = p.stress(), self.case, self.storage["velocity"]
         bodies = case.body_force(p.x) * weight if case.body_force else None
+        if self.convective:
+            inertia = density * weight * self._convection(p)
 
         def store(rows, coefficient):
-            rates = element.SHAPE @ rate[unknowns[rows]]
-            out[rows] += element.SHAPE.T @ (coefficient * weight * rates)
+            rates = e.shape @ rate[unknowns[rows]]
+            out[rows] += e.shape.T @ (coefficient * weight * rates)
 
-        for i, flux in enumerate(((s11 - p.P, s12), (s12, s22 - p.P))):
-            rows = blocks[self.grid.velocities[i]]
-            np.matmul(slopes, p.geometry.pull_back(flux).reshape(DIM * POINTS, -1), out=out[rows])
+        for c, flux in enumerate(contracted(p.operators(), weight * stress)):
+            rows = blocks[self.grid.velocities[c]]
+            np.matmul(self._slots.T, flux.reshape(self._slots.shape[0], -1), out=out[rows])
             if bodies is not None:
-                out[rows] -= element.SHAPE.T @ bodies[i]
+                out[rows] -= e.shape.T @ bodies[c]
             if density:
                 store(rows, density)
             if self.convective:
-                out[rows] += element.SHAPE.T @ (density * weight * sum(
-                    v * slope for v, slope in zip(p.total_velocity, p.gradients[i])))
+                out[rows] += e.shape.T @ inertia[c]
         if self.grid.has_fluidity:
             flux = self.material.model.diffusion * p.geometry.gradient(p.nodal_g)
             source = self._source_weight(weight, number) * p.response.source.value
             if case.fluidity_source is not None:
                 source -= weight * case.fluidity_source(p.x)
-            out[blocks["g"]] = (slopes @ p.geometry.pull_back(flux).reshape(DIM * POINTS, -1)
-                                + element.SHAPE.T @ source)
+            slopes = e.slope.reshape(-1, e.nodes).T
+            out[blocks["g"]] = (slopes @ p.geometry.pull_back(flux).reshape(slopes.shape[1], -1)
+                                + e.shape.T @ source)
             for rule, chosen, law in self._surfaces[number]:
                 surface = SurfacePoints(self, p, rule, chosen, law)
                 out[blocks["g"]][:, chosen] += surface.tests.T @ (
@@ -269,14 +276,24 @@ class WeakForm:
                 wall = WallPoints(self, p, side, chosen, law)
                 out[(blocks["g"].start + wall.nodes)[:, None], chosen] = (
                     wall.tests.T @ (wall.weight * wall.value.value))
-        out[blocks["P"]] = -element.CORNER_SHAPE.T @ (weight * p.divergence)
+        out[blocks["P"]] = -e.corner_shape.T @ (weight * p.divergence)
+
+    def _convection(self, p):
+        """The acceleration (v.grad) v, (c, points, n), of the `BatchPoints`."""
+        v = p.total_velocity
+        found = np.array([sum(a * b for a, b in zip(v, slopes)) for slopes in p.gradients])
+        for c, a, b, sign in self.kinematics.turning:
+            found[c] += sign * v[a] * v[b] * p.geometry.over_r
+        return found
 
     # Jacobian
 
     def _lay_out_entries(self):
         """Number the entries of the element matrices, block by block, and find the force sums."""
-        grid, count = self.grid, 0
+        grid, count, e = self.grid, 0, self.element
         self._rows, self._matrices = {}, {}
+        #: The functions of the strain operator at the Gauss points, (slots times points, nodes).
+        self._slots = np.concatenate([*e.slope, e.shape])[:self.kinematics.slots * e.points]
         fields = {name: Field(grid.nodes, number, grid.element_nodes)
                   for number, name in enumerate(grid.fields)}
         fields["P"] = Field(grid.corners, 0, grid.element_corners)
@@ -293,7 +310,7 @@ class WeakForm:
         self._force_sums, known = [], {}
         for batch in self.batches:
             rows, flow = grid.element_unknowns[:, batch], (
-                batch.stop - batch.start) * NODES * grid.dof
+                batch.stop - batch.start) * e.nodes * grid.dof
             self._force_sums.append([ScatterAdd(part, rows.ravel()[part], grid.n_local, known)
                                      for part in (slice(0, flow), slice(flow, None))])
 
@@ -349,7 +366,7 @@ class WeakForm:
         grid, local, vector = self.grid, np.zeros(self.grid.n_local), self.grid.create_vector()
         local[grid.owned] = rows
         local[self.held] = 0.0
-        mass = grid.sum_at_nodes(element.SHAPE.T @ increment.geometry.weight)
+        mass = grid.sum_at_nodes(self.element.shape.T @ increment.geometry.weight)
         grid.split(local)[1][grid.nodes.owned] /= mass[grid.nodes.owned]
         grid.from_local(local, vector)
         return grid.split(grid.to_local(vector))[1]
@@ -378,68 +395,85 @@ class WeakForm:
         With n = 2 D~/gdot~ and c = d(viscosity)/d(gdot~) gdot~, the stress changes by
         2 viscosity dD + c n (n:dD) + gdot~ n (viscosity_P dP + viscosity_g dg).
         """
-        p, rows = BatchPoints(self, local, increment, number), self._rows
-        viscosity, source, geometry = p.response.viscosity, p.response.source, p.geometry
+        p, rows, e = BatchPoints(self, local, increment, number), self._rows, self.element
+        viscosity, source = p.response.viscosity, p.response.source
         surfaces = [SurfacePoints(self, p, *surface, defect) for surface in self._surfaces[number]]
         if defect is not None:
-            source = p.secant_source(element.SHAPE @ defect[p.nodes])
-        weight, inverse, n = geometry.weight, geometry.inverse, p.elements
+            source = p.secant_source(e.shape @ defect[p.nodes])
+        weight, n, velocities = p.geometry.weight, p.elements, self.grid.velocities
         source_weight = self._source_weight(weight, number)
+        slot = "slot" if self.kinematics.axisymmetric else "slope"
 
-        def put(row, column, table, factors):
-            np.matmul(table, factors.reshape(table.shape[1], n), out=out[rows[row, column]])
+        def put(row, column, left, right, factors):
+            products = table(e.dim, left, right)
+            np.matmul(products, factors.reshape(products.shape[1], n), out=out[rows[row, column]])
 
-        def mass(field):
-            return element.VALUE_VALUE @ (self.storage[field] * shift * weight)
-
-        direction = p.direction_pulled_back()                     # n_ik d xi_r/d x_k
-        viscous = weight * viscosity.value
-        metric = np.einsum("krqe,ksqe->rsqe", inverse, inverse)
+        S, diagonal = p.operators(), self.kinematics.normal
+        t = contracted(S, p.direction())
+        viscous = 2.0 * weight * viscosity.value
         tangent = weight * viscosity.rate * p.gdot if np.ndim(viscosity.rate) else None
-        inertia = mass("velocity") if self.storage["velocity"] else None
-        if self.convective:  # (w, (v.grad) dv)
-            convection = np.einsum("kqe,ksqe->sqe", p.total_velocity, inverse) * weight
-            inertia += element.VALUE_SLOPE @ (
-                self.storage["velocity"] * convection).reshape(-1, n)
-        for i, row in enumerate(self.grid.velocities):
-            for j, column in enumerate(self.grid.velocities):
-                factors = viscous * (inverse[j][:, None] * inverse[i][None, :])
-                if i == j:
-                    factors += viscous * metric
+        for a, row in enumerate(velocities):
+            for b, column in list(enumerate(velocities))[a:]:
+                terms = [(S[a][m][0] * S[b][m][0] * viscous * S[a][m][1])[:, None] * S[b][m][1]
+                         for m in S[a].keys() & S[b].keys()]
                 if tangent is not None:
-                    factors += tangent * (direction[i][:, None] * direction[j][None, :])
-                put(row, column, element.SLOPE_SLOPE, factors)
-                if i == j and inertia is not None:
-                    out[rows[row, column]] += inertia
-                if self.convective:  # (w, (dv.grad) v)
-                    out[rows[row, column]] += element.VALUE_VALUE @ (
-                        self.storage["velocity"] * weight * p.gradients[i][j])
-            along = weight * p.gdot * direction[i]
-            put(row, "P", element.SLOPE_CORNER, viscosity.pressure * along - weight * inverse[i])
-            put("P", row, element.CORNER_SLOPE, -weight * inverse[i])
+                    terms.append((tangent * t[a])[:, None] * t[b])
+                put(row, column, slot, slot, total(terms) if terms else np.zeros(
+                    (self.kinematics.slots**2 * e.points, n)))
+                if b > a:  # the transposed block
+                    block, other = (out[rows[names]].reshape(e.nodes, e.nodes, n)
+                                    for names in ((row, column), (column, row)))
+                    other[:] = block.swapaxes(0, 1)
+            along = weight * p.gdot * t[a]
+            divergence = weight * sum(
+                (part * factor for m, (factor, part) in S[a].items() if m in diagonal),
+                np.zeros_like(t[a]))
+            put(row, "P", slot, "corner", viscosity.pressure * along - divergence)
+            put("P", row, "corner", slot, -divergence)
             if self.grid.has_fluidity:
-                put(row, "g", element.SLOPE_VALUE, viscosity.fluidity * along)
-                put("g", row, element.VALUE_SLOPE, source_weight * source.rate * direction[i])
+                put(row, "g", slot, "value", viscosity.fluidity * along)
+                put("g", row, "value", slot, source_weight * source.rate * t[a])
+        if self.storage["velocity"]:
+            mass = table(e.dim, "value", "value") @ (self.storage["velocity"] * shift * weight)
+            for row in velocities:
+                out[rows[row, row]] += mass
+        if self.convective:
+            for (row, column), kind, factors in self._convection_tangents(p):
+                products = table(e.dim, "value", kind)
+                out[rows[row, column]] += products @ factors.reshape(products.shape[1], n)
         if self.grid.has_fluidity:
-            put("g", "g", element.SLOPE_SLOPE, self.material.model.diffusion * weight * metric)
-            out[rows["g", "g"]] += element.VALUE_VALUE @ (source_weight * source.fluidity)
-            if self.storage["fluidity"]:
-                out[rows["g", "g"]] += mass("fluidity")
-            put("g", "P", element.VALUE_CORNER, source_weight * source.pressure)
+            metric = np.einsum("krqe,ksqe->rsqe", *[p.geometry.inverse] * 2)
+            put("g", "g", "slope", "slope", self.material.model.diffusion * weight * metric)
+            out[rows["g", "g"]] += table(e.dim, "value", "value") @ (
+                source_weight * source.fluidity + self.storage["fluidity"] * shift * weight)
+            put("g", "P", "value", "corner", source_weight * source.pressure)
             for surface in surfaces:
-                for entries, values in self._rule_tangents(p, surface):
+                for entries, values in self._rule_tangents(p, surface, t):
                     out[entries, surface.chosen] += values
             for side, chosen, law in self._walls[number]:
                 # g = g_loc replaces the fluidity equation at wall nodes.
                 wall = WallPoints(self, p, side, chosen, law)
-                for entries, values in self._rule_tangents(p, wall):
+                for entries, values in self._rule_tangents(p, wall, t):
                     out[entries, chosen] = values
 
-    def _rule_tangents(self, p, found):
+    def _convection_tangents(self, p):
+        """Yield the block, the kind of function and the factors of the tangent of convection."""
+        velocities, density = self.grid.velocities, self.storage["velocity"] * p.geometry.weight
+        v, over_r = p.total_velocity, p.geometry.over_r
+        along = density * sum(part[None] * inverse for part, inverse in zip(v, p.geometry.inverse))
+        for c, row in enumerate(velocities):
+            yield (row, row), "slope", along
+            for k, slope in enumerate(p.gradients[c]):
+                yield (row, velocities[k]), "value", density * slope
+        for c, a, b, sign in self.kinematics.turning:
+            for changed, other in (a, b), (b, a):
+                yield ((velocities[c], velocities[changed]), "value",
+                       sign * density * v[other] * over_r)
+
+    def _rule_tangents(self, p, found, directions):
         """Yield entries (nodes, columns, 1) for `RulePoints`, and their values."""
         rule, chosen, value = found.rule, found.chosen, found.value
         weight, mu = found.weight, p.stress_ratio_slopes()
-        direction = p.direction_pulled_back()[..., chosen]
 
         def at(values):
             return np.broadcast_to(values, p.gdot.shape)[:, chosen]
@@ -449,14 +483,15 @@ class WeakForm:
         changes, rate = {"P": at(mu.pressure), "g": at(mu.fluidity)}, at(mu.rate)
         factors = {}
         for name, volume, shape, change in (
-                ("P", element.CORNER_SHAPE, rule.corner_shape, value.pressure),
-                ("g", element.SHAPE, rule.shape, value.fluidity)):
+                ("P", self.element.corner_shape, rule.corner_shape, value.pressure),
+                ("g", self.element.shape, rule.shape, value.fluidity)):
             factors[name] = (
                 np.einsum("ape,pe,pb->abe", by_mu, changes[name], volume)
                 + np.einsum("qa,qb,qe->abe", found.tests, shape, weight * change))
-        for i, column in enumerate(self.grid.velocities):
-            factors[column] = np.einsum("ape,rpb,rpe->abe", by_mu, element.SHAPE_SLOPE,
-                                        rate * direction[i])
+        slots = self._slots.reshape(self.kinematics.slots, self.element.points, -1)
+        for column, direction in zip(self.grid.velocities, directions):
+            factors[column] = np.einsum("ape,rpb,rpe->abe", by_mu, slots,
+                                        rate * direction[..., chosen])
         for column, values in factors.items():
             first, columns = self._rows["g", column].start, values.shape[1]
             entries = first + found.nodes[:, None] * columns + np.arange(columns)
@@ -468,7 +503,7 @@ class WeakForm:
 
         def masses(number, out):
             p = BatchPoints(self, local, increment, number)
-            np.matmul(element.CORNER_CORNER,
+            np.matmul(table(self.grid.dim, "corner", "corner"),
                       -p.geometry.weight / p.response.viscosity.value, out=out)
 
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -479,6 +514,6 @@ class WeakForm:
 
         It is in stress d^2/(d gdot0), node by node; ``shift`` in gdot0.
         """
-        mass = self.grid.sum_at_nodes(element.SHAPE.T @ increment.geometry.weight)
+        mass = self.grid.sum_at_nodes(self.element.shape.T @ increment.geometry.weight)
         return self.storage["velocity"] * shift * np.repeat(
             mass[self.grid.nodes.owned], self.grid.dof)
