@@ -11,6 +11,7 @@ from conftest import LIMIT, ROOT, discretised, pgran, refused, run_ranks, start
 from test_runs import differences
 
 from pgran.cli import STOPPED
+from pgran.kinematics import PLANE
 from pgran.output import checkpoint
 from pgran.output.result import Result
 from pgran.output.snapshots import linked
@@ -74,6 +75,20 @@ def test_a_restart_on_the_same_ranks_gives_the_same_result(short, path):
     assert {entry.name for entry in path.parent.iterdir() if "checkpoint" not in entry.name} == {
         "run.h5", *kept, "run.xdmf"}  # nothing is renamed, nothing left over
     assert path.with_suffix(".xdmf").read_text().count("<Time") == 2
+
+
+def test_a_checkpoint_with_tensor_components_is_read(short, path):
+    """Checkpoints before release 0.4 have tensor instead of Mandel components."""
+    pgran(0, "direct.opts", path, SHORT, "-ts_max_steps", 8)
+    newest, *others = checkpoint.checkpoints_of(path)
+    for other in others:
+        other.unlink()
+    with h5py.File(newest, "r+") as file:
+        del file.attrs["mandel"]
+        for data in file["elements"].values():
+            data[...] = np.moveaxis(PLANE.tensor(np.moveaxis(data[...], -2, 0)), 0, -2)
+    pgran(0, "direct.opts", path, SHORT, restart=path)
+    same(short, path, 1e-8)
 
 
 def test_a_run_continues_on_any_number_of_ranks(short, path):
