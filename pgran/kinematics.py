@@ -50,6 +50,8 @@ class Kinematics:
         velocity.
     slots : int
         Number of the derivatives along reference directions, plus one for v/r.
+    volume_unit : str
+        Unit of volume, in the plane per unit depth.
     circumference : float
         The factor of integrals, which have the weight r: 2 pi with rotational symmetry, or 1.
     turning : tuple of (int, int, int, float)
@@ -89,11 +91,12 @@ class Kinematics:
         return {name: (n,) for name, n in {**vectors, **dict.fromkeys(TENSORS, len(self))}.items()}
 
     def operators(self, inverse, over_r=None):
-        """Return S, a list of {m: (factor, (slots, points, n))}, the product of which is S[c][m].
+        """Return the operators S of the velocities c, a list of {m: (factor, array)}.
 
-        D_m is the sum over c and slots of S[c][m] times the derivatives along the reference
-        directions and, in the last slot, the value of v_c. ``inverse`` (dim, dim, points, n) is
-        d xi_s/d x_k, and ``over_r`` (points, n) is 1/r.
+        S[c][m] is the product of the factor and the array (slots, points, n). D_m is the sum over c
+        and slots of S[c][m] times the derivatives along the reference directions and, in the last
+        slot, the value of v_c. ``inverse`` (dim, dim, points, n) is d xi_s/d x_k, and ``over_r``
+        (points, n) is 1/r.
         """
         if not self.axisymmetric:
             return [{m: (slope, inverse[k]) for m, (k, slope, _) in terms.items()}
@@ -113,7 +116,7 @@ class Kinematics:
         return np.array(found)
 
     def spin(self, gradients, over_r=None):
-        """Return the spin (pairs, ...) of the same arguments."""
+        """Return the spin w (pairs, ...) of the arguments of `strain_rate`."""
         found = np.zeros((len(self.pairs), *np.shape(gradients[0][0])))
         for spin, (i, j) in zip(found, self.pairs):
             for sign, c, k in (0.5, j, i), (-0.5, i, j):

@@ -234,12 +234,10 @@ def test_material_that_turns_as_a_block_keeps_its_stress():
     np.testing.assert_allclose(found, stress, atol=1e-12)
 
 
-class ChuteOutOfPlane(_fixed.FixedMesh):
+class ChuteOutOfPlane(_fixed.Falling):
     """The vertical chute with the flow along x3 instead of -x2."""
 
-    kinematics, periodic = OUT_OF_PLANE, (False, True)
-    coordinates = cases.CASES.load("vertical_chute").coordinates
-    tractions = cases.CASES.load("vertical_chute").tractions
+    kinematics, periodic, span, symbol = OUT_OF_PLANE, (False, True), "width", "W"
 
     @property
     def weight(self):

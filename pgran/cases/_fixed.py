@@ -5,7 +5,7 @@ from abc import abstractmethod
 import numpy as np
 
 from ..options import BOTH, Option, ParameterError, positive
-from . import ROUNDING, Case
+from . import ROUNDING, Case, pressure
 
 #: Option of flows that are driven only by their weight: gdot0 is the inertial rate of the grains.
 GRAINS_RATE = positive(
@@ -96,6 +96,38 @@ class FixedMesh(Case):
                 name, f"{value:g}", f"there is no steady flow: mu = {largest:.4g} exceeds the "
                 f"limit {limit:.4g} of the law; must be less than {allowed:.4g}, or use "
                 "another @law")
+
+
+class Falling(FixedMesh):
+    """Material that falls under its weight along a wall; the right wall has the pressure P_w.
+
+    ``span`` is the option of the distance that, times half the weight, is the stress ratio at the
+    wall, and ``symbol`` its symbol.
+    """
+
+    stress_unit = "P_w"
+    observables = {"shear_stress": "stress", "mean_speed": "d gdot0"}
+
+    def __init__(self, parameters):
+        super().__init__(parameters)
+        self.refuse_fast("gravity", parameters.gravity, self.wall_ratio, 2.0 * self.law.limit
+                         / getattr(parameters, self.span))
+
+    @property
+    def wall_ratio(self):
+        """Stress ratio at the wall."""
+        return 0.5 * self.parameters.gravity * getattr(self.parameters, self.span)
+
+    @property
+    def why_at_rest(self):
+        return self.static(f"the wall, gravity {self.symbol}/2,", self.wall_ratio)
+
+    def coordinates(self, i, j):
+        return np.array([self.graded(i, self.shape[0], getattr(self.parameters, self.span)),
+                         j * self.parameters.element_size / 2.0])
+
+    def tractions(self, time):
+        return {"right": pressure(1.0)}
 
 
 class Unidirectional(FixedMesh):

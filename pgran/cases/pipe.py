@@ -11,10 +11,10 @@ mu = gravity r/2.
 import numpy as np
 
 from ..kinematics import AXISYMMETRIC
-from . import _fixed, pressure
+from . import _fixed
 
 
-class Pipe(_fixed.FixedMesh):
+class Pipe(_fixed.Falling):
     """Material that falls through a pipe."""
 
     options = (
@@ -24,42 +24,19 @@ class Pipe(_fixed.FixedMesh):
         _fixed.gravity(0.1, "weight of the material, phi rho_s G d/P_w; the stress ratio at the "
                        "wall is mu = gravity R/2"),
         *_fixed.options())
-    kinematics = AXISYMMETRIC
+    kinematics, span, symbol = AXISYMMETRIC, "radius", "R"
     periodic = False, True
-    stress_unit = "P_w"
     walls = ("right",)
-    observables = {"shear_stress": "stress", "mean_speed": "d gdot0"}
-
-    def __init__(self, parameters):
-        super().__init__(parameters)
-        self.refuse_fast("gravity", parameters.gravity, self.wall_ratio,
-                         2.0 * self.law.limit / parameters.radius)
-
-    @property
-    def wall_ratio(self):
-        """Stress ratio at the wall, gravity R/2."""
-        return 0.5 * self.parameters.gravity * self.parameters.radius
-
-    @property
-    def why_at_rest(self):
-        return self.static("the wall, gravity R/2,", self.wall_ratio)
 
     @property
     def shape(self):
         return self.elements_along("radius"), self.elements_along("height")
-
-    def coordinates(self, i, j):
-        return np.array([self.graded(i, self.shape[0], self.parameters.radius),
-                         j * self.parameters.element_size / 2.0])
 
     def prescribed_velocity(self, time, i, j):
         values = super().prescribed_velocity(time, i, j)
         values[0, self.on("left", i, j)] = 0.0
         values[1, self.on("right", i, j)] = 0.0
         return values
-
-    def tractions(self, time):
-        return {"right": pressure(1.0)}
 
     def reference(self, x):
         p = self.parameters

@@ -10,10 +10,10 @@ right wall is P_w. The chute is periodic along x2, and the weight of the materia
 import numpy as np
 
 from ..theory import profiles
-from . import _fixed, pressure
+from . import _fixed
 
 
-class VerticalChute(_fixed.Unidirectional):
+class VerticalChute(_fixed.Falling, _fixed.Unidirectional):
     """Material that falls between two walls."""
 
     options = (
@@ -23,33 +23,14 @@ class VerticalChute(_fixed.Unidirectional):
         _fixed.gravity(0.05, "weight of the material, phi rho_s G d/P_w; the stress ratio at the "
                        "walls is mu = gravity W/2"),
         *_fixed.options())
-    periodic = False, True
-    stress_unit = "P_w"
+    span, symbol, periodic = "width", "W", (False, True)
     walls = "left", "right"
-    observables = {"shear_stress": "stress", "mean_speed": "d gdot0"}
-
-    def __init__(self, parameters):
-        super().__init__(parameters)
-        self._wall_ratio = 0.5 * parameters.gravity * parameters.width
-        self.refuse_fast("gravity", parameters.gravity, self._wall_ratio,
-                         2.0 * self.law.limit / parameters.width)
-
-    @property
-    def why_at_rest(self):
-        return self.static("the wall, gravity W/2,", self._wall_ratio)
-
-    def coordinates(self, i, j):
-        return np.array([self.graded(i, self.shape[0], self.parameters.width),
-                         j * self.parameters.element_size / 2.0])
 
     def prescribed_velocity(self, time, i, j):
         values = super().prescribed_velocity(time, i, j)
         values[:, self.on("left", i, j)] = 0.0
         values[1, self.on("right", i, j)] = 0.0
         return values
-
-    def tractions(self, time):
-        return {"right": pressure(1.0)}
 
     def reference(self, x):
         p = self.parameters

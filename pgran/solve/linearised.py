@@ -122,10 +122,21 @@ class LinearisedStep:
                                form.stress(end, increment).ravel()])
 
     def mult(self, matrix, x, y):
-        """Multiply, as a PETSc matrix of type Python: central differences in the direction x."""
-        scale = SIZE / (x.norm(PETSc.NormType.NORM_INFINITY) or 1.0)
-        plus, minus = (self._advanced(sign * scale * x.array_r) for sign in (1.0, -1.0))
-        y.setArray((plus - minus) / (2.0 * scale))
+        """Multiply, as a PETSc matrix of type Python: central differences in the direction x.
+
+        Displacements are small compared with the other unknowns of a mode, so they are disturbed
+        separately: with a common factor, rounding of the coordinates would dominate the result.
+        """
+        comm, total = self.form.grid.comm.tompi4py(), 0.0
+        for part in (slice(None, self.lengths[0]), slice(self.lengths[0], None)):
+            change = np.zeros(self.size)
+            change[part] = x.array_r[part]
+            largest = comm.allreduce(np.abs(change).max(initial=0.0), MPI.MAX)
+            if largest:
+                scale = SIZE / largest
+                plus, minus = (self._advanced(sign * scale * change) for sign in (1.0, -1.0))
+                total = total + (plus - minus) / (2.0 * scale)
+        y.setArray(total + np.zeros(self.size))
 
 
 def fastest_modes(form, dt, without=(), start=None):

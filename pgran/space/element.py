@@ -19,7 +19,7 @@ SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1), "ba
          "front": (2, 1)}
 
 
-def total(arrays):
+def sum_arrays(arrays):
     """Return the sum of arrays; unlike `sum` it adds no zero."""
     return reduce(add, arrays)
 
@@ -195,12 +195,12 @@ class Geometry:
 
     def gradient(self, nodal):
         """Return the gradient (dim, points, n) of a Q2 field ``nodal`` (nodes, n)."""
-        return total(self.inverse[:, r] * (slope @ nodal)
+        return sum_arrays(self.inverse[:, r] * (slope @ nodal)
                      for r, slope in enumerate(self.rule.slope))
 
     def pull_back(self, flux):
         """Return weight * sum_k (d xi_r/d x_k) flux_k of ``flux``, both (dim, points, n)."""
-        return self.weight * total(inverse * part for inverse, part in zip(self.inverse, flux))
+        return self.weight * sum_arrays(inverse * part for inverse, part in zip(self.inverse, flux))
 
     def area(self, side):
         """Return the outward normals times area (dim, points, n) at the points of a side's rule."""

@@ -248,7 +248,7 @@ class Grid:
     def period(self, values):
         """Return the change (dim, k) of nodal values (k, n_nodes) across a period. Collective.
 
-        It is zero along the axes on which the grid is not periodic.
+        It is zero along an axis that is not periodic.
         """
         nodes, found = self.nodes, np.zeros((self.dim, len(values)))
         origin = np.zeros(self.dim, dtype=int)

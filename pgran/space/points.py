@@ -6,7 +6,7 @@ Arrays are (points, n): point first, element last.
 import numpy as np
 
 from ..material.models import WithDerivatives
-from .element import Geometry, total
+from .element import Geometry, sum_arrays
 
 
 def secant(slope, curvature, change):
@@ -62,7 +62,7 @@ class BatchPoints:
         if geometry.over_r is not None:
             self.over_r = self.total_velocity * geometry.over_r
         self.rate = self.kinematics.strain_rate(self.gradients, self.over_r)
-        self.divergence = total(self.rate[m] for m in self.kinematics.normal)
+        self.divergence = sum_arrays(self.rate[m] for m in self.kinematics.normal)
         self.rate += increment.stress[:, :, batch] * (theta / 2.0)
         self.gdot = np.sqrt(2.0 * (self.rate**2).sum(axis=0))
         self.P = self.element.corner_shape @ nodal[grid.blocks["P"]]
@@ -141,7 +141,7 @@ class BatchPoints:
 
 def contracted(operators, tensor):
     """Return sum_m S[c][m] T_m for each c, [(slots, points, n)], of a tensor T (m, points, n)."""
-    return [total(S * (tensor[m] if factor == 1.0 else factor * tensor[m])
+    return [sum_arrays(S * (tensor[m] if factor == 1.0 else factor * tensor[m])
                   for m, (factor, S) in parts.items()) for parts in operators]
 
 

@@ -23,7 +23,7 @@ from petsc4py import PETSc
 
 from .. import cases
 from ..options import ParameterError
-from .element import Geometry, table, total
+from .element import Geometry, sum_arrays, table
 from .grid import Grid
 from .matrix import Field, InPlaceMatrix, ScatterAdd, Unknowns, fill
 from .points import BatchPoints, SurfacePoints, WallPoints, contracted
@@ -418,7 +418,7 @@ class WeakForm:
                          for m in S[a].keys() & S[b].keys()]
                 if tangent is not None:
                     terms.append((tangent * t[a])[:, None] * t[b])
-                put(row, column, slot, slot, total(terms) if terms else np.zeros(
+                put(row, column, slot, slot, sum_arrays(terms) if terms else np.zeros(
                     (self.kinematics.slots**2 * e.points, n)))
                 if b > a:  # the transposed block
                     block, other = (out[rows[names]].reshape(e.nodes, e.nodes, n)
