@@ -40,7 +40,8 @@ class AcceptedStep:
         nodes, kinematics = self._owned_nodes(side), self.form.kinematics
         x, force = self._x[:, nodes], self.form.grid.split(self._forces)[0][:, nodes]
         if kinematics.axisymmetric:
-            arms = kinematics.circumference * x[0] * force[2]
+            turning = force[2] if kinematics.velocities == 3 else 0.0 * x[0]
+            arms = kinematics.circumference * x[0] * turning
         else:
             arms = x[0] * force[1] - x[1] * force[0]
         return float(self._comm.allreduce(arms.sum()))
